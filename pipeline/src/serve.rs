@@ -3,7 +3,6 @@
 //! A query reads the tables as they were when it was planned. It uses the session of `magline sql`, with the same
 //! rules. Results published later are visible to later queries. Answers are streamed during computation.
 
-mod auth;
 mod child;
 mod keys;
 mod parameters;
@@ -15,7 +14,7 @@ mod spool;
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
 use arrow_flight::flight_service_server::FlightServiceServer;
-use ports::{PortListener, encryption};
+use ports::{PortListener, TokenInterceptor, encryption};
 use schemas::Fault;
 use tokio::{
     net::TcpListener,
@@ -25,8 +24,8 @@ use tokio::{
 };
 use tonic::{service::interceptor::InterceptedService, transport::Server};
 
-pub use auth::Token;
 pub use child::answer;
+pub use ports::Token;
 pub use process::COMMAND;
 use queries::QueryRegistry;
 use service::StoreQueryService;
@@ -109,7 +108,7 @@ async fn listen(
     started: impl FnOnce(SocketAddr),
     stop: watch::Receiver<bool>,
 ) -> Result<(), Fault> {
-    let check = auth::TokenInterceptor::new(settings.token.clone());
+    let check = TokenInterceptor::new(settings.token.clone());
     let service = StoreQueryService::new(queries, settings.token);
     let mut server = Server::builder()
         .http2_keepalive_interval(Some(ALIVE))

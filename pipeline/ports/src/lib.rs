@@ -1,5 +1,6 @@
 //! Ports that this program listens on: encryption and authentication.
 
+mod auth;
 mod door;
 
 use std::sync::Arc;
@@ -11,6 +12,7 @@ use tokio_rustls::rustls::{
     pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject},
 };
 
+pub use auth::{Token, TokenInterceptor};
 pub use door::{PortClient, PortListener};
 
 /// Cryptography provider of encrypted connections.

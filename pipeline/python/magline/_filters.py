@@ -151,7 +151,8 @@ def ekf(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -160,24 +161,24 @@ def ekf(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -221,27 +222,27 @@ def ekf(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -282,11 +283,11 @@ def ekf(
         Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
         exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -301,10 +302,10 @@ def ekf(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -313,8 +314,9 @@ def ekf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -324,14 +326,15 @@ def ekf(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -344,10 +347,11 @@ def ekf(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -355,20 +359,21 @@ def ekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -381,35 +386,36 @@ def ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -584,7 +590,8 @@ def iekf(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -593,24 +600,24 @@ def iekf(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -654,27 +661,27 @@ def iekf(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -721,11 +728,11 @@ def iekf(
         Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
         exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -740,10 +747,10 @@ def iekf(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -752,8 +759,9 @@ def iekf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -763,14 +771,15 @@ def iekf(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -783,10 +792,11 @@ def iekf(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -794,20 +804,21 @@ def iekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -820,35 +831,36 @@ def iekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1024,7 +1036,8 @@ def ukf(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -1033,24 +1046,24 @@ def ukf(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -1094,27 +1107,27 @@ def ukf(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -1147,12 +1160,14 @@ def ukf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     alpha : float, optional
-        Scale factor of the distance of the outer points. Allowed: above 0. Default: `1.0`.
+        Scale factor of the distance of the outer points from the centre. Allowed: above 0.
+        Default: `1.0`.
     beta : float, optional
-        Additional weight of the centre in the variance, compared with the mean; at least
-        -alpha² kappa/3. Averaged over directions, the variance computed for the nonlinearity of
-        the field is (5 + 4 beta)/8 of the true variance. The filter is therefore cautious with
-        a beta of 2. Allowed: finite. Default: `2.0`.
+        Parameter of the central sigma point, whose weight in the covariance exceeds its weight
+        in the mean by 1 - alpha² + beta; at least -alpha² kappa/3. Averaged over directions,
+        the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of the true
+        variance. The filter is therefore cautious with a beta of 2. Allowed: finite. Default:
+        `2.0`.
     kappa : float, optional
         Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from
         the centre; above -3. With 0 the gain is exact to the fourth moment of a normal
@@ -1166,11 +1181,11 @@ def ukf(
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -1185,10 +1200,10 @@ def ukf(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -1197,8 +1212,9 @@ def ukf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -1208,14 +1224,15 @@ def ukf(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -1228,10 +1245,11 @@ def ukf(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -1239,20 +1257,21 @@ def ukf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -1265,35 +1284,36 @@ def ukf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1480,7 +1500,8 @@ def ekf_adaptive(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -1489,24 +1510,24 @@ def ekf_adaptive(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -1550,27 +1571,27 @@ def ekf_adaptive(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -1622,7 +1643,8 @@ def ekf_adaptive(
         Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement.
         `"matched"`, the default of version 1, subtracts from each squared innovation the
         covariance predicted at that time. `"compatible"`, as in MagNav.jl, starts at the mean
-        of the bounds and subtracts the present covariance from all. Default: `"residual"`.
+        of the bounds and subtracts the present covariance from all squared innovations.
+        Default: `"residual"`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
@@ -1633,11 +1655,11 @@ def ekf_adaptive(
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -1652,10 +1674,10 @@ def ekf_adaptive(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -1664,8 +1686,9 @@ def ekf_adaptive(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -1675,14 +1698,15 @@ def ekf_adaptive(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -1695,10 +1719,11 @@ def ekf_adaptive(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -1706,20 +1731,21 @@ def ekf_adaptive(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -1732,35 +1758,36 @@ def ekf_adaptive(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1961,7 +1988,8 @@ def ekf_online_tl(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -1970,24 +1998,24 @@ def ekf_online_tl(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -2031,27 +2059,27 @@ def ekf_online_tl(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -2107,11 +2135,11 @@ def ekf_online_tl(
         Appends the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
         Default: `false`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -2126,10 +2154,10 @@ def ekf_online_tl(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -2152,8 +2180,8 @@ def ekf_online_tl(
         `500.0`.
     input_sigma_nt : float, optional
         Prior standard deviation of any other term, such as a current, in nT per unit of its
-        column. A loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed: above 0.
-        Default: `20.0`.
+        column. A current loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed:
+        above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
         Prior standard deviation of each harmonic of the magnetometer's heading error: the
         first, second and fourth harmonic of the angle between its axis and the field,
@@ -2169,8 +2197,9 @@ def ekf_online_tl(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -2180,14 +2209,15 @@ def ekf_online_tl(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -2200,10 +2230,11 @@ def ekf_online_tl(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -2211,20 +2242,21 @@ def ekf_online_tl(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -2237,35 +2269,36 @@ def ekf_online_tl(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2470,7 +2503,8 @@ def fixed_lag(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -2479,24 +2513,24 @@ def fixed_lag(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -2540,27 +2574,27 @@ def fixed_lag(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -2598,7 +2632,7 @@ def fixed_lag(
         Fraction of a window that the next window shares: windows end every `window_s` (1 -
         `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
     lag_s : float, optional
-        Maximum time by which a measurement in the estimate of a sample is later than the
+        Delay of the estimate: a sample's estimate uses measurements up to this time after the
         sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_interval_s : float, optional
         Interval over which measurements are averaged into one. 0 uses every sample. Unit: s.
@@ -2611,14 +2645,15 @@ def fixed_lag(
     iterations : int, optional
         Maximum number of iterations per window. Default: `15`.
     aircraft_sigma_nt : float, optional
-        Standard deviation of the slow aircraft field that its coefficients do not explain; 0
-        for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning = "auto"`
-        estimates the noise of the line, which then includes it.
+        Standard deviation of the slowly varying aircraft field that the coefficients do not
+        explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning =
+        "auto"` estimates the noise of the line, which then includes it.
     aircraft_tau_s : float, optional
-        Time constant of that slow aircraft field. Unit: s. Allowed: above 0. Default: `300.0`.
+        Time constant of this slowly varying aircraft field. Unit: s. Allowed: above 0. Default:
+        `300.0`.
     walk_per_hour : float, optional
         Random walk of every coefficient in one hour, as a fraction of its prior standard
-        deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
+        deviation; 0 for constant coefficients. Allowed: 0 or above. Default: `0.0`.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
         exact. Default: `"trapezoidal"`.
@@ -2639,8 +2674,8 @@ def fixed_lag(
         `500.0`.
     input_sigma_nt : float, optional
         Prior standard deviation of any other term, such as a current, in nT per unit of its
-        column. A loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed: above 0.
-        Default: `20.0`.
+        column. A current loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed:
+        above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
         Prior standard deviation of each harmonic of the magnetometer's heading error: the
         first, second and fourth harmonic of the angle between its axis and the field,
@@ -2654,11 +2689,11 @@ def fixed_lag(
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
         / 6. Allowed: above 0. Default: `1.0`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -2673,10 +2708,10 @@ def fixed_lag(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -2685,8 +2720,9 @@ def fixed_lag(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -2696,14 +2732,15 @@ def fixed_lag(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -2716,10 +2753,11 @@ def fixed_lag(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -2727,20 +2765,21 @@ def fixed_lag(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -2753,35 +2792,36 @@ def fixed_lag(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2917,11 +2957,13 @@ def rts(
     measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
     influence of outliers. With `huber` the influence is constant. With `cauchy` it decreases
     with distance, which requires a good initial track. `smoothing` is `converged`, or `stopped`
-    if the iteration ended before the track converged; `smoothing_step` is then its last change.
+    if the iteration ended before the track converged; `smoothing_step` is then the last change
+    of the track.
 
-    A line takes five to ten times as long as with `ekf`, and 0.8 kB per sample (2.6 kB more
-    with `save_state`). With further measurements it takes 15 kB per sample, the iteration has a
-    single start, and a robust loss applies only to the scalar field.
+    A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per
+    sample (2.6 kB more with `save_state`). With further measurements it requires 15 kB per
+    sample, the iteration has a single start, and a robust loss applies only to the scalar
+    field.
 
     Parameters
     ----------
@@ -2965,7 +3007,8 @@ def rts(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -2974,24 +3017,24 @@ def rts(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -3035,27 +3078,27 @@ def rts(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -3104,11 +3147,11 @@ def rts(
         Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
         exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -3123,10 +3166,10 @@ def rts(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -3135,8 +3178,9 @@ def rts(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -3146,14 +3190,15 @@ def rts(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -3166,10 +3211,11 @@ def rts(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -3177,20 +3223,21 @@ def rts(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -3203,35 +3250,36 @@ def rts(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3361,8 +3409,8 @@ def mpf(
     filter given the position for the other 16 states.
 
     Use it on a map with several similar places: `save_modes` returns the probability of each.
-    For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost
-    by kilometres, `mpf_then_ekf` is faster.
+    For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
+    position error of kilometres, `mpf_then_ekf` is faster.
 
     The estimate is the mean over all particles. Particles off the map keep their total weight
     relative to the particles on it. A sample with less than a tenth of the weight on the map is
@@ -3416,7 +3464,8 @@ def mpf(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -3425,24 +3474,24 @@ def mpf(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -3486,27 +3535,27 @@ def mpf(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -3539,25 +3588,26 @@ def mpf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     particles : int, optional
-        Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost
-        by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to 1000000.
-        Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side
-        `smooth_over_m`; appends `particles`.
+        Number of particles: 1000 if the INS position is known to within hundreds of metres;
+        10,000 if it is off by kilometres, or if a measurement is as precise as `gradient`.
+        Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over
+        squares of side `smooth_over_m`; appends `particles`.
     seed : int, optional
-        Seed of all random draws. The same seed gives the same bits on any number of threads.
-        Default: `0`.
+        Seed of all random draws. The same seed gives bit-identical results on any number of
+        threads. Default: `0`.
     resample_threshold : float, optional
-        Effective number of particles, as a fraction of all, below which they are resampled. 0.5
-        is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise. Allowed: 0 to 1.
-        Default: `0.5`.
+        Effective number of particles, as a fraction of their number, below which the particles
+        are resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
+        Allowed: 0 to 1. Default: `0.5`.
     regularise : bool, optional
         Resamples from a kernel density. The position error of a good INS has almost no process
-        noise, so without it only copies of a few particles remain. The covariance is then far
-        too small. Default: `true`.
+        noise, so without the kernel density only copies of a few particles remain. The
+        covariance is then far too small. Default: `true`.
     smooth_over_m : float, optional
         Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud has one kernel for each of its parts. The slope that `gradient` measures is
-        linear over a third of this distance. Unit: m. Allowed: above 0. Default: `200.0`.
+        wider cloud of particles has one kernel for each of its parts. The slope that `gradient`
+        measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
+        `200.0`.
     roughening : float, optional
         Standard deviation of the position noise of each resampled particle, per axis. It is in
         units of the range of the particles divided by the square root of their number. Gordon,
@@ -3569,11 +3619,11 @@ def mpf(
         Appends the three most probable modes of the position to each sample. Takes 50 % more
         time. Default: `false`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -3588,10 +3638,10 @@ def mpf(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -3600,8 +3650,9 @@ def mpf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -3611,14 +3662,15 @@ def mpf(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -3631,10 +3683,11 @@ def mpf(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -3642,20 +3695,21 @@ def mpf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -3668,35 +3722,36 @@ def mpf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3715,8 +3770,8 @@ def mpf(
     References
     ----------
     Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le
-    Gland 2001) that is also marginalised over the linear states. The same seed gives the same
-    bits on any number of threads.
+    Gland 2001) that is also marginalised over the linear states. The same seed gives
+    bit-identical results on any number of threads.
 
     Examples
     --------
@@ -3823,15 +3878,15 @@ def mpf_then_ekf(
     """The marginalised particle filter `mpf` until a single position remains, then the extended
     Kalman filter `ekf`.
 
-    Use it for a start that is known only to kilometres. A Kalman filter may then diverge
+    Use it if the initial position is known only to kilometres. A Kalman filter may then diverge
     unnoticed, and particles along the whole line take seventy times as long.
 
-    The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode
-    has at least the weight `hand_over_weight`. The second is that the linearisation error of
-    the map within the covariance of this mode is below the white noise (median over the next
-    minute of the path). Its initial state and covariance are the mean and covariance of the
-    mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
-    line, all samples come from `mpf`.
+    The Kalman filter takes over when two conditions hold for 60 s. First, one mode must have at
+    least the weight `hand_over_weight`. Second, the map's linearisation error over the spread
+    of this mode (median over the next minute of the path) must be smaller than the white noise.
+    Its initial state and covariance are the mean and covariance of the mode. From then on
+    `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a line, all samples
+    come from `mpf`.
 
     With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
     with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
@@ -3883,7 +3938,8 @@ def mpf_then_ekf(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -3892,24 +3948,24 @@ def mpf_then_ekf(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -3953,27 +4009,27 @@ def mpf_then_ekf(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -4009,12 +4065,12 @@ def mpf_then_ekf(
         Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling
         (Fox 2003) over squares of side `smooth_over_m`.
     seed : int, optional
-        Seed of all random draws. The same seed gives the same bits on any number of threads.
-        Default: `0`.
+        Seed of all random draws. The same seed gives bit-identical results on any number of
+        threads. Default: `0`.
     smooth_over_m : float, optional
         Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud has one kernel for each of its parts. Unit: m. Allowed: above 0. Default:
-        `200.0`.
+        wider cloud of particles has one kernel for each of its parts. Unit: m. Allowed: above
+        0. Default: `200.0`.
     hand_over_weight : float, optional
         Smallest weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
         `0.99`.
@@ -4023,11 +4079,11 @@ def mpf_then_ekf(
         before the hand-over. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects
         outliers before the filter.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -4042,10 +4098,10 @@ def mpf_then_ekf(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -4054,8 +4110,9 @@ def mpf_then_ekf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -4065,14 +4122,15 @@ def mpf_then_ekf(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -4085,10 +4143,11 @@ def mpf_then_ekf(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -4096,20 +4155,21 @@ def mpf_then_ekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -4122,35 +4182,36 @@ def mpf_then_ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -4271,9 +4332,9 @@ def crlb(
 ) -> Track:
     """The Cramér-Rao bound: the smallest error of any filter with these models on this flight.
 
-    It reads the truth (`lat`, `lon`, `alt`) and evaluates the filter's covariance there.
-    Compared with the track of a filter, it shows whether an error is due to the filter or to
-    the flight.
+    It reads the truth (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. A
+    comparison of the bound with the error of a filter's track shows whether the error is due to
+    the filter or to the flight.
 
     It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its
     `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the
@@ -4323,7 +4384,8 @@ def crlb(
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-        Unset: true if the flight has the column and the measurement still contains it.
+        Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+        the measurement.
     decimal_year : float, optional
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
@@ -4332,24 +4394,24 @@ def crlb(
         to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-        `tuning = "auto"`, else used at its own height.
+        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+        continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+        on the interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
-        prediction is computed. This offset is subtracted before filtering, because compensation
-        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-        Default: `0.0`.
+        prediction is computed. This offset is subtracted from the measurements before
+        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+        Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement: sensor, map and residual of the
-        compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        Standard deviation of the white noise of a measurement, from the sensor, the map and the
+        residual of the compensation. `"auto"` uses the residual of the calibration, from the
+        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
         "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -4393,27 +4455,27 @@ def crlb(
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
         Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        and inversely proportional to the amplitude. A sample below a tenth of the largest
-        amplitude has no measurement. Default: `"none"`.
+        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-        `ins_grade` if it has one.
+        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+        column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-        above. Default: `0.01`.
+        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-        Default: `0.01`.
+        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
         Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
         than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -4451,11 +4513,11 @@ def crlb(
     save_state : bool, optional
         Appends the covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
-        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
-        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-        not used.
+        Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
+        Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
+        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
+        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
+        above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
         `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
@@ -4470,10 +4532,10 @@ def crlb(
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
         each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
-        role truth.
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
+        is `truth`.
     gnss_test : bool, optional
-        Compares each position with the INS, by a chi-square test of this position and by a
+        Compares each GNSS position with the INS, by a chi-square test of this position and by a
         cumulative sum over earlier positions. Rejected positions are not used. A jump is
         detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
         start are then rejected. Positions are accepted again after ten consecutive positions
@@ -4482,8 +4544,9 @@ def crlb(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
-        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
+        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
+        used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -4493,14 +4556,15 @@ def crlb(
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slow error of the difference, such as the undetermined
-        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+        Standard deviation of the slowly varying error of the difference, caused for example by
+        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
         map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
         value from the innovations of the difference. This value also reveals maps made from
         sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
@@ -4513,10 +4577,11 @@ def crlb(
         Standard deviation of the white noise of each component of `vector`. If set, the vector
         measures the scalar field and the attitude, except for the rotation about the field
         direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        Unit: nT. Allowed: above 0. Unset: the vector is not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
-        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
+        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
+        `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
@@ -4524,20 +4589,21 @@ def crlb(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
-        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field whose standard deviation is
+        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
     height : str, optional
-        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
-        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
+        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
         used.
     height_sigma_m : float, optional
         Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
         `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
-        m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error caused by the weather or the
+        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
         Standard deviation of the map error, which becomes a state correlated along the track.
@@ -4550,35 +4616,36 @@ def crlb(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
-        likelihood.
+        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
-        Prior standard deviation of a height bias: the height of the aircraft above its assumed
-        height on the map. It comes from a barometer with a constant error, from a geoid height
-        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
-        constant along the line. It changes the prediction of the scalar field only, and not
-        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        Prior standard deviation of a height bias: the true height of the aircraft minus its
+        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
+        height, or a wrong map height. If set, the bias is a state of the filter, constant along
+        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
+        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
+        "auto"`, which continues the map to twice this value below and above the line. 0 omits
         this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
-        levels of the map contain the bias and it increases the likelihood clearly; else the
-        height is exact.
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
+        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
+        clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of the change of the aircraft's permanent field since its
-        calibration, for each component (nose, right, down). The three components are further
-        states. Their effect on the scalar field follows from the attitude and the core field. A
-        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
-        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
-        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
-        clearly increase the likelihood.
+        Standard deviation of the change in the aircraft's permanent field since calibration,
+        per component (nose, right, down). The three components are further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
+        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
+        the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise the change is constant along the line.
+        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
+        line.
     flat_over_m : float, optional
-        Limit of the measurement's standard deviation divided by the map's horizontal slope.
-        Above this distance the map is too flat for a position. The sample is then `flat`: it
-        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
-        Allowed: above 0. Unset: all samples correct the position.
+        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
+        slope. Above this limit the map is too flat to observe the position. The sample is then
+        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
+        Unit: m. Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------

@@ -72,14 +72,14 @@ class StageMethods:
             `MAG`, `sensor_mag:1` or `.` (the vectors at the root of a MATLAB file). Unset: the only
             topic of the file.
         rename : Mapping[str, Any], optional
-            For tables of flights: Canonical names of columns, by their names in the file. If the
-            name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), this is the
-            unit of the column. A unit that cannot be converted is an error. Default: `{}`.
+            For tables of flights: Canonical name of each column, by its name in the file. If the
+            name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), the column
+            has this unit. A unit that cannot be converted is an error. Default: `{}`.
         units : Mapping[str, Any], optional
             For tables of flights: Units of columns, by their names in the file. They override names
             and metadata. Default: `{}`.
         missing : ListLike, optional
-            For tables of flights: Further texts and numbers that mark a missing value, besides
+            For tables of flights: Strings and numbers that mark a missing value, in addition to
             `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
             Default: `[]`.
             For maps: Numbers that mark an unknown value, in addition to the markers in the file and
@@ -103,15 +103,15 @@ class StageMethods:
         mapping : str, optional
             For tables of flights: The mapping of the columns: a TOML file, or the name of a
             built-in mapping such as `px4_ulog`. `auto` chooses the built-in mapping that reads most
-            of the first log, and a note names it. A mapping replaces `units` and `topic`. With a
-            mapping, `rename` applies to the columns of the mapping. Unset: columns are identified
-            by their names.
+            of the first log, and reports its name in a note. A mapping replaces `units` and
+            `topic`. With a mapping, `rename` applies to the columns of the mapping. Unset: columns
+            are identified by their names.
         table : ListLike, optional
             For tables of flights: The table of the mapping. A list declares several tables at once:
             in `[tables.log]`, `table = ["mag", "gps"]` declares `log_mag` and `log_gps`. Unset: the
             only table.
         lines : str, optional
-            For tables of flights: A table of `flight`, `line`, `t_start` and `t_end` (s past
+            For tables of flights: A table of `flight`, `line`, `t_start` and `t_end` (seconds past
             midnight UTC) that replaces the lines in the files. A sample belongs to the line that
             contains its time; samples outside all lines are dropped. `auto` finds the lines of each
             flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight
@@ -127,7 +127,7 @@ class StageMethods:
             For maps: Component of a map of three components, such as MagNav.jl's `EMM720_World.h5`.
             Its values are not a total-field anomaly. Unset: the map holds the total-field anomaly.
         features : ListLike, optional
-            For models: The columns that the model requires in a line, as the `features` of its fit.
+            For models: The columns that the model requires in a line, as in `features` of its fit.
             Default: `["tl"]`.
         where : str, optional
             For a model: SQL condition on its columns that selects one model of several.
@@ -252,14 +252,14 @@ class StageMethods:
         their times.
 
         Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column
-        except `flight`, `line` and `tt`. A missing value counts as a gap of its column. A column
-        that a line lacks, but other lines have, is missing on the whole line. Repeated or
+        except `flight`, `line` and `tt`. A missing value counts as a gap in its column. If other
+        lines have a column that a line lacks, its values are missing on the whole line. Repeated or
         decreasing times are rejected.
 
         Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`.
         A line combines the rows of the same flight and line in all tables. Their columns are
-        resampled to one grid. It covers the time that all tables cover, or the time of the first
-        table (`span`). If several tables have a date, their times are converted to a common
+        resampled to one grid. The grid covers the time common to all tables, or the time of the
+        first table (`span`). If several tables have a date, their times are converted to a common
         midnight. A column name in two tables is rejected, except `year` and `doy`, which are read
         from the first table that has them. A line whose tables have no common time is rejected.
 
@@ -288,7 +288,7 @@ class StageMethods:
         span : {"all", "first"}, optional
             Time that the grid covers, with several inputs. Default: `"all"`.
         lag_s : Mapping[str, Any], optional
-            Lags of columns, by column name. The name of a vector magnetometer, such as `flux_a`,
+            Lag of each column, by column name. The name of a vector magnetometer, such as `flux_a`,
             sets the lag of its `x`, `y`, `z` and `t`. Replaces the lag of the column's input. Unit:
             s. Allowed: finite. Default: `{}`.
         input_lag_s : ListLike, optional
@@ -329,9 +329,9 @@ class StageMethods:
         """Appends the core field at every sample: the magnitude `igrf` and the components `igrf_n`,
         `igrf_e`, `igrf_d` (north, east, down).
 
-        If an attitude is available, also `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose,
-        right wing, down). `column` changes these names. An existing column of the same name is
-        replaced.
+        If an attitude is available, the stage also appends `igrf_x`, `igrf_y`, `igrf_z` in the body
+        frame (nose, right wing, down). `column` changes these names. An existing column of the same
+        name is replaced.
 
         The date of each sample is given by `year`, `doy` and `tt` of the flight, or by
         `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. The result is NaN
@@ -349,11 +349,11 @@ class StageMethods:
             Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
             Default: `"igrf"`.
         column : str, optional
-            Name of the column of the magnitude. The names of the components extend it. Default:
-            `"igrf"`.
+            Name of the column of the magnitude. The names of the components add a suffix to it.
+            Default: `"igrf"`.
         position : {"truth", "ins"}, optional
-            Position at which the field is computed: true (`lat`, `lon`, `alt`) or of the INS.
-            Default: `"truth"`.
+            Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the
+            INS position. Default: `"truth"`.
         attitude : {"truth", "ins", "none"}, optional
             Attitude that rotates the field into the body frame. Unset: the attitude of the INS if
             present, otherwise the true attitude if present.
@@ -416,20 +416,20 @@ class StageMethods:
         The INS is added to a flight without one, or replaces the flight's INS. The stage appends
         `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
         `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which `navigate` reads
-        like measured ones.
+        like measured columns.
 
         The truth is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude
         (`roll`, `pitch`, `yaw`) are used if all three columns exist. Missing velocities are derived
-        from the positions, and specific forces from the velocities. A missing attitude is level,
-        with the yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the
-        specific force is a second derivative. Positions and velocities are therefore first smoothed
-        over `smooth_s`. Apart from the effect of smoothing, the INS then has only its own errors
-        and no jitter of the receiver.
+        from the positions, and specific forces from the velocities. A missing attitude is assumed
+        to be level, with the yaw along the course. Derivatives amplify the noise of a GNSS
+        receiver, and the specific force is a second derivative. Positions and velocities are
+        therefore first smoothed over `smooth_s`. Apart from the effect of smoothing, the INS then
+        has only its own errors and no jitter of the receiver.
 
         Each line begins with a new alignment. Its errors are random, with the standard deviations
         of the `init_*` keys. They depend only on `seed` and the names of flight and line. Lines
-        with the same seed and names have the same INS on every machine. Samples need not be evenly
-        spaced. One seed gives one realisation; sweep `seed` for the statistics of a grade.
+        with the same seed and names have the same INS errors on every machine. Samples need not be
+        evenly spaced. One seed gives one realisation; sweep `seed` for the statistics of a grade.
 
         The stage rejects a NaN in position, velocity or attitude, times that do not increase, a
         line of one sample, and an INS with an error above 1,000 km. An existing INS is rejected
@@ -444,32 +444,32 @@ class StageMethods:
             mechanisation of sensor readings with errors. The mechanisation is accurate for errors
             of any size. Default: `"error_model"`.
         smooth_s : float, optional
-            Length of the window over which parabolas smooth positions and velocities. The weights
-            fall to 0 at its ends. 0 switches smoothing off. Unit: s. Allowed: 0 or above. Default:
-            `5.0`.
+            Length of the window in which parabolas are fitted to smooth positions and velocities.
+            The weights fall to 0 at its ends. 0 switches smoothing off. Unit: s. Allowed: 0 or
+            above. Default: `5.0`.
         seed : int, optional
             Seed of all random draws. Default: `0`.
         replace : bool, optional
             Replaces an existing INS of the flight. Default: `false`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-            `ins_grade` if it has one.
+            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+            column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-            above. Default: `0.01`.
+            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-            Default: `0.01`.
+            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
             Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
             than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -555,11 +555,11 @@ class StageMethods:
         columns : ListLike
             Columns to filter.
         low_hz : float, optional
-            Lower corner frequency. 0 removes it, which gives a low-pass filter. Unit: Hz. Allowed:
-            0 or above. Default: `0.1`.
+            Lower corner frequency. 0 gives a low-pass filter. Unit: Hz. Allowed: 0 or above.
+            Default: `0.1`.
         high_hz : float, optional
-            Upper corner frequency. 0 removes it, which gives a high-pass filter. Unit: Hz. Allowed:
-            0 or above. Default: `0.9`.
+            Upper corner frequency. 0 gives a high-pass filter. Unit: Hz. Allowed: 0 or above.
+            Default: `0.9`.
         order : int, optional
             Order of the Butterworth prototype. A band-pass filter has twice as many poles. Allowed:
             1 to 12. Default: `4`.
@@ -603,11 +603,12 @@ class StageMethods:
 
         It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of
         `corner_hz` it is an anti-alias filter before a `resample` to that rate. It then has order 8
-        and its corner at 0.8 of the new Nyquist frequency, where it attenuates by 31 dB.
+        and a corner at 0.8 of the new Nyquist frequency. At the new Nyquist frequency it attenuates
+        by 31 dB.
 
         Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about
-        1/corner of the ends of a run. Gaps, short runs and uneven samples are treated as in
-        `bandpass`.
+        1/`corner_hz` seconds of the ends of a run. Gaps, short runs and uneven samples are treated
+        as in `bandpass`.
 
         Parameters
         ----------
@@ -663,16 +664,16 @@ class StageMethods:
         appends `<column>_nt`.
 
         Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled
-        at 160 Hz. If the sensor sampled at another rate than the line and no filter was applied in
-        between, set `sampled_hz` to that rate. The alias at that rate is then folded to the rate of
-        the line. Any signal within the notch width is also removed. A harmonic is rejected if its
-        alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove it
+        at 160 Hz. If the sensor sampled at a different rate from the line and no filter was applied
+        in between, set `sampled_hz` to that rate. The alias at that rate is then folded to the rate
+        of the line. Any signal within the notch width is also removed. A harmonic is rejected if
+        its alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove it
         before resampling to a lower rate.
 
         A second-order notch at each frequency runs forwards and backwards. It settles in about
-        1/`width_hz`, so part of the sinusoid remains for this time at each end of a run. Angles are
-        filtered along the shorter arc. Gaps, short runs and uneven samples are treated as in
-        `bandpass`.
+        1/`width_hz` seconds, so part of the sinusoid remains for this time at each end of a run.
+        Angles are filtered along the shorter arc. Gaps, short runs and uneven samples are treated
+        as in `bandpass`.
 
         Parameters
         ----------
@@ -731,10 +732,10 @@ class StageMethods:
 
         `central` is the central difference divided by the time between samples, one-sided at the
         ends of a run. `savitzky_golay` is the slope of the least-squares polynomial over a window.
-        It amplifies noise less than `central`: by 0.32 per step with the default window and degree,
-        compared with 0.71.
+        It amplifies noise less than `central`: by a factor of 0.32 per step with the default window
+        and degree, compared with 0.71.
 
-        Changes of angles (unit deg) are taken along the shorter arc. A missing value or a gap in
+        Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in
         time ends a run. A run that is too short for the method is NaN. Samples must be evenly
         spaced. The unit is the column's unit per second.
 
@@ -865,7 +866,7 @@ class StageMethods:
         Arithmetic with it gives a missing value, and a comparison with it is unknown. `coalesce`
         and `is null` detect it. An infinite result, such as 1/0, is missing. A line fails if SQL
         rejects a value, such as the square root of a negative number. Division is real, also
-        between integers. `greatest` and `least` with a missing argument are missing.
+        between integers. `greatest` and `least` return a missing value if any argument is missing.
 
         The unit is inferred for sums, differences, clips, choices and multiples of columns of one
         unit, and for ratios of equal units. Otherwise set it in `units`. Sums and comparisons of
@@ -884,8 +885,9 @@ class StageMethods:
         columns : Mapping[str, Any]
             SQL expression of each new column, by column name.
         units : Mapping[str, Any], optional
-            Unit of new columns, by column name. Required where it cannot be inferred; converts a
-            multiple to another unit. Default: `{}`.
+            Unit of new columns, by column name. Required where the unit cannot be inferred, and
+            where a multiplication converts it, as `alt * 3.28084` converts metres to feet. Default:
+            `{}`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -918,7 +920,7 @@ class StageMethods:
     ) -> TableHandle:
         """Keeps the rows of each line for which `rows` is true.
 
-        Keeps the columns that `columns` names, or those that `drop` does not name.
+        Keeps the columns listed in `columns`, or all columns except those listed in `drop`.
 
         `rows` is an SQL predicate over the columns of a row. A row is dropped if the predicate is
         unknown because a value is missing (NaN). A line fails if no row is kept. Rows dropped in
@@ -1039,21 +1041,21 @@ class StageMethods:
         selects.
 
         The lag is at the peak of the cross-correlation. Each line and column gives a row with
-        `lag_s`, which the parameter `lag_s` of `resample` removes.
+        `lag_s`. The parameter `lag_s` of `resample` removes this lag.
 
         A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both
         must measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude
         of a vector magnetometer and a scalar magnetometer, or the turn rate and the derivative of a
-        heading. Slow signals have a flat peak, so remove them with `low_hz` or with a `derivative`
-        stage before this one. Samples must be evenly spaced. Resample sensors with different rates
-        to one grid with `resample`, at the highest of their rates or above.
+        heading. Slow signals have a flat correlation peak, so remove them with `low_hz` or with a
+        `derivative` stage before this one. Samples must be evenly spaced. Resample sensors with
+        different rates to one grid with `resample`, at the highest of their rates or above.
 
-        `sd_s` is the standard error if the difference of the two signals is white noise. It is too
-        small for correlated noise. `correlation` is the correlation coefficient at the peak.
-        `next_peak` is the height of the second highest peak divided by the height of the highest.
-        If it is near 1, the lag is ambiguous, as for periodic signals. `n` is the number of pairs
-        of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a column
-        is constant, or a line is too short. Missing samples are omitted.
+        `sd_s` is the standard error of the lag if the difference of the two signals is white noise.
+        For correlated noise it is too small. `correlation` is the correlation coefficient at the
+        peak. `next_peak` is the height of the second highest peak divided by the height of the
+        highest. If it is near 1, the lag is ambiguous, as for periodic signals. `n` is the number
+        of pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`,
+        a column is constant, or a line is too short. Missing samples are omitted.
 
         Parameters
         ----------
@@ -1068,11 +1070,11 @@ class StageMethods:
         either_sign : bool, optional
             Also accepts a negative correlation, for columns with opposite signs. Default: `false`.
         low_hz : float, optional
-            Lower corner frequency of a band-pass of both signals. 0 removes it. Unit: Hz. Allowed:
-            0 or above. Default: `0.0`.
+            Lower corner frequency of a band-pass filter for both signals. With 0 the filter has no
+            lower corner. Unit: Hz. Allowed: 0 or above. Default: `0.0`.
         high_hz : float, optional
-            Upper corner frequency of the band-pass. 0 removes it. Unit: Hz. Allowed: 0 or above.
-            Default: `0.0`.
+            Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
+            Unit: Hz. Allowed: 0 or above. Default: `0.0`.
         order : int, optional
             Order of the Butterworth prototype of the band-pass. Allowed: 1 to 12. Default: `4`.
         name : str, optional
@@ -1120,11 +1122,12 @@ class StageMethods:
 
         An existing column of that name is replaced.
 
-        A record is a table of flight lines. Its flight is the station and its lines are days. It
-        has `year`, `doy`, `tt` and the column `element`. IAGA-2002 and IMF files have this form
-        after reading; their total field is `field_f`. If a record has no scalar magnetometer,
-        compute the magnitude of `field_n`, `field_e` and `field_d` with `derive`. Every line can
-        use all days of a record, so a line may cross midnight.
+        A record is a table of flight lines. In this table, each station is stored as a flight and
+        each day as a line. It has the columns `year`, `doy` and `tt`, and the column that `element`
+        names. IAGA-2002 and IMF files have this form after reading; their total field is `field_f`.
+        If a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and
+        `field_d` with `derive`. Every line can use all days of a record, so a line may cross
+        midnight.
 
         Values are interpolated between samples of the record. They are NaN outside the record and
         in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
@@ -1211,10 +1214,10 @@ class StageMethods:
         root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and yaws
         of a calibration box. Boundaries are accurate to the length of the window.
 
-        `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not
-        divide the line. Samples must be evenly spaced. A gap in time or a missing heading ends a
-        segment. A run shorter than the window is `none`. The heading may be a course computed with
-        `derive`: `degrees(atan2(ve, vn))`.
+        `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts as one line.
+        Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run
+        shorter than the window is `none`. The heading may be a course computed with `derive`:
+        `degrees(atan2(ve, vn))`.
 
         Parameters
         ----------
@@ -1240,8 +1243,8 @@ class StageMethods:
             Lower corner frequency of the band-pass of `attitude`. Unit: Hz. Allowed: 0 or above.
             Default: `0.05`.
         high_hz : float, optional
-            Upper corner frequency of the band-pass. 0 removes it. Unit: Hz. Allowed: 0 or above.
-            Default: `0.0`.
+            Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
+            Unit: Hz. Allowed: 0 or above. Default: `0.0`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -1326,18 +1329,18 @@ class StageMethods:
         """Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list
         column `tl`.
 
-        B is the reading of the vector magnetometer, Bt its magnitude or `scalar`, dB the central
-        difference of B per sample and s `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i
-        B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1.
+        B is the reading of the vector magnetometer, Bt is its magnitude or `scalar`, dB is the
+        central difference of B per sample, and s is `bt_scale_nt`. The terms are: permanent B_i/Bt,
+        induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1.
 
-        The column's metadata list the terms (`terms`) and those terms that are differences
+        The column's metadata list the terms (`terms`) and the terms that are differences
         (`per_sample`). `rate_hz` holds the sample rate if `resample` set it. `fit` writes this rate
         to its table, and stages that apply a model convert its coefficients to the rate of their
         input.
 
         Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A
-        sample without a vector gives a row of NaN. Terms that are differences require evenly spaced
-        samples; other lines are rejected.
+        sample without a vector reading gives a row of NaN. Terms that are differences require
+        evenly spaced samples; other lines are rejected.
 
         Parameters
         ----------
@@ -1398,7 +1401,8 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Appends the list column `features`, computed from columns as defined in the theses.
+        """Appends the list column `features`, computed from columns as defined in the theses under
+        'Source'.
 
         | feature | definition |
         |---|---|
@@ -1412,7 +1416,7 @@ class StageMethods:
         | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
         | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
         | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
-        | `slope`, `slope_quadratic` | easting and northing, km, with squares and product: the slope of the anomaly |
+        | `slope`, `slope_quadratic` | easting and northing (km), squares and product, for the slope of the anomaly |
 
         Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2`
         (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the vector
@@ -1434,8 +1438,9 @@ class StageMethods:
         features : ListLike
             Features, in the order of the list.
         terms : ListLike, optional
-            Groups of Tolles-Lawson terms in `TL_A_...`. Unset: permanent, induced and eddy; for a
-            set of Gnadt 2022: permanent, induced and derivative.
+            Groups of Tolles-Lawson terms in `TL_A_...`. Unset: permanent, induced and eddy terms;
+            for the sets `down_selected`, `small_1` and `small_2`: permanent, induced and derivative
+            terms.
         bt_scale_nt : float, optional
             Scale of the induced, eddy and core-field terms. Unit: nT. Allowed: above 0. Default:
             `50000.0`.
@@ -1445,8 +1450,8 @@ class StageMethods:
         mag : str, optional
             Scalar magnetometer of the small sets. Unit: nT. Unset: the small sets are rejected.
         groups : ListLike, optional
-            Groups of the extended model: 1 raw, 2 projected on the direction of the field, 3 rate
-            of change, projected. Default: `[1,2,3]`.
+            Groups of the extended model: 1 for raw inputs, 2 for inputs projected on the direction
+            of the field, 3 for projected rates of change. Default: `[1,2,3]`.
         origin : ListLike, optional
             Latitude and longitude, in degrees, of the origin of `slope`. Unit: deg. Unset: the
             line's first sample.
@@ -1472,7 +1477,7 @@ class StageMethods:
         References
         ----------
         Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019,
-        appendix B; names of MagNav.jl.
+        appendix B. Names follow MagNav.jl.
         """
         return self._stage("features", locals())
 
@@ -1521,11 +1526,11 @@ class StageMethods:
         truth : str, optional
             Column of the true field, for `a` and `d`. Unit: nT. Default: `"mag_1_c"`.
         remove_core : bool, optional
-            Subtracts the core field `igrf`, for `a`, `c` and `e`. Unset: true, unless it has
-            already been removed.
-        remove_diurnal : bool, optional
-            Subtracts the diurnal variation `diurnal`, for `a`, `c` and `e`. Unset: true, unless it
+            Subtracts the core field `igrf` from targets `a`, `c` and `e`. Unset: true, unless it
             has already been removed.
+        remove_diurnal : bool, optional
+            Subtracts the diurnal variation `diurnal` from targets `a`, `c` and `e`. Unset: true,
+            unless it has already been removed.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -1641,9 +1646,9 @@ class StageMethods:
         If a whole line is omitted, its samples are not predicted from their neighbours. If a whole
         flight is omitted, they are not predicted from effects that last a flight, such as a
         magnetisation or a temperature. The score of an omitted line is the variance (divisor n) of
-        the prediction error. Its mean is ignored, because a filter removes constants and
-        compensation does not determine them. All lines have equal weight. The selected value is in
-        the column `chosen`.
+        the prediction error. The mean of the prediction error is ignored, because a filter removes
+        constants and compensation does not determine them. All lines have equal weight. The
+        selected value is in the column `chosen`.
 
         All points of a sweep are solved together. Each line is reduced once to a triangular factor,
         which serves all lambdas, numbers of components and omitted lines. Normal equations are not
@@ -1654,7 +1659,7 @@ class StageMethods:
         residual and of the terms in bands, because the filter and coloured noise correlate the
         samples. It includes the ramp of a drifting residual from the first to the last sample. The
         intercept's `std` excludes the effect of a random walk on the mean. `std` is null for models
-        other than ridges, and, with a note, for 96 or more terms.
+        other than ridge models. It is also null for 96 or more terms, and a note reports this.
 
         `rate_hz` is the rate of the first line. Terms that are differences per sample, such as
         `xx_dot`, are converted to it on lines with other rates, so all coefficients are valid at
@@ -1683,13 +1688,13 @@ class StageMethods:
         if the terms do not determine it, or if the target is not a total field.
 
         `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of
-        the model over all frequencies. They are the smallest white and first-order Gauss-Markov
-        noise that bound the Allan variance of the unfiltered residual on the lines of the fit.
-        `igrf` and `diurnal` are subtracted from a total field if present. Without `igrf` the core
-        field is computed at the INS positions and the line's date. The crustal anomaly is unknown
-        here and counts as noise. The noise of a calibration at low height is therefore
-        overestimated. A time constant longer than the lines cannot be resolved. The columns are
-        null if the lines are shorter than 16 s.
+        the model over all frequencies. They are the smallest white noise and first-order
+        Gauss-Markov noise that together bound the Allan variance of the unfiltered residual on the
+        lines of the fit. `igrf` and `diurnal` are subtracted from a total field if present. Without
+        `igrf` the core field is computed at the INS positions and the line's date. The crustal
+        anomaly is unknown here and counts as noise. The noise of a calibration at low height is
+        therefore overestimated. A time constant longer than the lines cannot be resolved. The
+        columns are null if the lines are shorter than 16 s.
 
         `warm_start` names the table of another fit of the same kind of network, in this pipeline or
         published. Training starts from its weights instead of random weights, for example from the
@@ -1718,10 +1723,11 @@ class StageMethods:
             Input columns of the model: lists such as `tl` and `features`, or single columns.
             Default: `["tl"]`.
         entries : ListLike, optional
-            Entries of the lists in `features` to use, in this order. Each is a name, or a prefix
-            that several names share before a `_`, such as `TL_A_flux_a`. A row must be finite in
-            all entries of the lists. The lists are factored once for all choices of entries, so a
-            sweep over `entries` is fast. Unset: all entries.
+            Entries of the lists in `features` to use, in this order. Each is given by its name, or
+            by a prefix (the part before a `_`) that selects all names beginning with it, such as
+            `TL_A_flux_a`. A row must be finite in all entries of the lists, selected or not. The
+            lists are factored once for all choices of entries, so a sweep over `entries` is fast.
+            Unset: all entries.
         choose : {"given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"}, optional
             Method that selects `lambda` or `components`. The permitted values depend on the model.
             Default: `"given"`.
@@ -1739,14 +1745,14 @@ class StageMethods:
             The table still holds coefficients of the features. Allowed: above 0. Unset: no
             whitening.
         intercept : bool, optional
-            Also fits a constant, without a penalty. Unset: the default of the model, and true with
-            `whiten`.
+            Also fits a constant, without a penalty. Unset: true with `whiten`, otherwise the
+            default of the model.
         low_hz : float, optional
-            Lower corner frequency of the filter. 0 removes it. Unit: Hz. Allowed: 0 or above.
-            Default: `0.1`.
+            Lower corner frequency of the filter. With 0 the filter has no lower corner. Unit: Hz.
+            Allowed: 0 or above. Default: `0.1`.
         high_hz : float, optional
-            Upper corner frequency of the filter. 0 removes it. Unit: Hz. Allowed: 0 or above.
-            Default: `0.9`.
+            Upper corner frequency of the filter. With 0 the filter has no upper corner. Unit: Hz.
+            Allowed: 0 or above. Default: `0.9`.
         order : int, optional
             Order of the Butterworth prototype. Allowed: 1 to 12. Default: `4`.
         trim : int, optional
@@ -1786,8 +1792,8 @@ class StageMethods:
         degrees_of_freedom : float, optional
             For `robust`: Degrees of freedom of Student's t. Allowed: above 0. Default: `4.0`.
         forgetting : float, optional
-            For `recursive_least_squares`: Forgetting factor: weight of a row relative to the next.
-            With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
+            For `recursive_least_squares`: Forgetting factor: weight of a row relative to the next
+            row. With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
         hidden : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units of each hidden layer, for
@@ -1799,13 +1805,15 @@ class StageMethods:
             Default: `"swish"`.
         inputs : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: entries of the
-            features, by name or by a prefix that several names share before a `_`. Unset: all
-            features.
-            For `boosted_trees`: Inputs of the trees: entries of the features, by name or by a
-            prefix that several names share before a `_`. Unset: all features.
-            For `random_features`: Inputs: entries of the features, by name or by a prefix that
-            several names share before a `_`. Unset: all features.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: entries of
+            `features`, each given by its name or by a prefix (the part before a `_`) that selects
+            all names beginning with it. Unset: all features.
+            For `boosted_trees`: Inputs of the trees: entries of `features`, each given by its name
+            or by a prefix (the part before a `_`) that selects all names beginning with it. Unset:
+            all features.
+            For `random_features`: Inputs of the model: entries of `features`, each given by its
+            name or by a prefix (the part before a `_`) that selects all names beginning with it.
+            Unset: all features.
         epochs : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs with Adam. Allowed: 0 to
@@ -1848,8 +1856,9 @@ class StageMethods:
             weights of each input. Allowed: 0 or above. Default: `0.0`.
         group_share : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the lasso that applies to the
-            group. The remainder applies to single weights. Allowed: 0 to 1. Default: `1.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the lasso penalty that is
+            applied to the weights of each input as a group. The remainder is applied to single
+            weights. Allowed: 0 to 1. Default: `1.0`.
         validation : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines (`1003.08` or `1003/1003.08`) or
@@ -1860,11 +1869,11 @@ class StageMethods:
             `[]`.
         patience : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs without a smaller
-            validation loss after which training ends. Allowed: above 0. Unset: all epochs are
-            trained.
-            For `boosted_trees`: Number of trees without a smaller validation loss after which
-            training ends. Allowed: above 0. Unset: all trees are trained.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Training stops after this many epochs
+            without an improvement in the validation loss. Allowed: above 0. Unset: training runs
+            for all epochs.
+            For `boosted_trees`: Training stops after this many trees without an improvement in the
+            validation loss. Allowed: above 0. Unset: training builds all trees.
         members : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks that are trained from
@@ -1877,23 +1886,24 @@ class StageMethods:
             For `boosted_trees`: Seed of the subsample of each tree. Default: `0`.
             For `random_features`: Seed of the random features. Default: `0`.
         physics : float, optional
-            For `m2a`, `m2c`, `m2d`: Weight in the loss of the squared distance between the
-            prediction and the linear model, relative to the scale of the target. Allowed: 0 or
-            above. Default: `0.0`.
+            For `m2a`, `m2c`, `m2d`: Weight, in the loss function, of the squared difference between
+            the predictions of the network and of the linear model. The difference is relative to
+            the scale of the target. Allowed: 0 or above. Default: `0.0`.
         linear : ListLike, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Terms of the linear model: entries of the features, by name or by a
-            prefix that several names share before a `_`. Unset: the Tolles-Lawson terms among the
-            features, otherwise the terms of the core-field model; for `etlnn` all features. Other
-            terms, such as slopes or terms of the extended model, are inputs of the network only.
+            `tlnn`, `etlnn`: Terms of the linear model: entries of `features`, each given by its
+            name or by a prefix (the part before a `_`) that selects all names beginning with it.
+            Unset: for `etlnn`, all features; for other models, the Tolles-Lawson terms in
+            `features` or, if there are none, the terms of the core-field model. Other features,
+            such as slopes or terms of the extended model, are inputs of the network only.
         linear_low_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Lower corner frequency of the filter of the linear fit. 0 removes it.
-            Unit: Hz. Allowed: 0 or above. Default: `0.1`.
+            `tlnn`, `etlnn`: Lower corner frequency of the filter of the linear fit. With 0 the
+            filter has no lower corner. Unit: Hz. Allowed: 0 or above. Default: `0.1`.
         linear_high_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Upper corner frequency of that filter. 0 removes it. Unit: Hz. Allowed:
-            0 or above. Default: `0.9`.
+            `tlnn`, `etlnn`: Upper corner frequency of the filter of the linear fit. With 0 the
+            filter has no upper corner. Unit: Hz. Allowed: 0 or above. Default: `0.9`.
         coupling : {"magnitude", "projection"}, optional
             For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Scalar field of the aircraft,
             computed from its vector. Default: `"magnitude"`.
@@ -1902,9 +1912,9 @@ class StageMethods:
             computes the terms, for `coupling = "magnitude"`. Unit: nT. Allowed: above 0. Default:
             `50000.0`.
         curriculum_sigma : float, optional
-            For `m3sc`, `m3vc`: Limit of the samples of the first phases: distance of the error of
-            the ridge fit from its mean, in standard deviations of this error. Allowed: above 0.
-            Default: `1.0`.
+            For `m3sc`, `m3vc`: Limit that selects the samples of the first phases: largest distance
+            of the error of the ridge fit from its mean, in standard deviations of this error.
+            Allowed: above 0. Default: `1.0`.
         window : int, optional
             For `m3w`, `m3tf`: Number of samples in the window. Unit: samples. Allowed: 2 to 4096.
             Default: `5`.
@@ -2004,9 +2014,10 @@ class StageMethods:
         model.
 
         Terms that are differences per sample are converted to the rate of the fit, so a line may
-        have another rate. A central difference underestimates the rate of change at frequency f by
-        the fraction (2 pi f / rate)^2 / 6. At f = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If
-        the rates may differ, a model without a stored rate or with a lagged feature is rejected.
+        have a different rate from the fit. A central difference underestimates the rate of change
+        at frequency f by the fraction (2 pi f / rate)^2 / 6. At f = 0.2 Hz this is 0.3 % at 10 Hz
+        and 1 % at 5 Hz. If the rates may differ, a model without a stored rate or with a lagged
+        feature is rejected.
 
         The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal
         of the diurnal variation.
@@ -2106,21 +2117,21 @@ class StageMethods:
         Each group of inputs gives a row with `value` and, for a mean, its `spread`. The methods use
         predictions only, so they apply to all kinds of models.
 
-        Every entry of the features that the model uses is a separate group, except those that
-        `groups` combine. Correlated inputs share or mask importance. Put all inputs from one sensor
-        into one group.
+        Every entry of the features that the model uses is a separate group, unless `groups`
+        combines it with others. Correlated inputs share or mask importance. Put all inputs from one
+        sensor into one group.
 
         | `method` | `value` | `spread` |
         |---|---|---|
-        | `permutation` | increase of the mean square error against `target`, nT2 | over the repeats |
-        | `shapley` | mean absolute contribution to the prediction, nT | over the samples |
-        | `expected_gradients` | mean absolute contribution to the prediction, from gradients, nT | over the samples |
+        | `permutation` | increase of the mean square error against `target`, in nT2 | over the repeats |
+        | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
+        | `expected_gradients` | mean absolute contribution to the prediction by gradients, in nT | over the samples |
         | `pearson`, `spearman` | correlation with `target` | |
-        | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
-        | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-        | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
-        | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
-        | `sobol_total` | share from the group and all its interactions, 1 | |
+        | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
+        | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
+        | `morris` | mean absolute change of the prediction over the range of the input, in nT | over the trajectories |
+        | `sobol_first` | share of the prediction's variance from the group alone | |
+        | `sobol_total` | share from the group and all its interactions | |
 
         `permutation` permutes blocks of `block_s`, because permuting single samples would turn a
         slow signal into noise. The mean of the model's error is ignored. `shapley` and
@@ -2161,8 +2172,8 @@ class StageMethods:
         "hard_thresholding", "group_lasso", "morris", "sobol_first", "sobol_total"}, optional
             Method that computes the importance. Default: `"permutation"`.
         groups : ListLike, optional
-            Groups of entries. Each is a name, or a prefix that several names share before a `_`,
-            such as `TL_A_flux_a`. Default: `[]`.
+            Groups of entries. Each is given by a name, or by a prefix (the part before a `_`) that
+            selects all names beginning with it, such as `TL_A_flux_a`. Default: `[]`.
         block_s : float, optional
             Length of the permuted blocks. It must exceed the correlation time of the target and the
             inputs. Unit: s. Allowed: above 0. Default: `30.0`.
@@ -2243,9 +2254,9 @@ class StageMethods:
         the result to other lines, and `navigate` uses it for noise parameters that are `"auto"`. Do
         not select the lines that are navigated.
 
-        The noise has a white part and a first-order Gauss-Markov part. They are the smallest that
-        bound the Allan variance of the lines. A constant has no effect. A time constant longer than
-        the lines cannot be resolved. Lines without a run of 16 s are rejected.
+        The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts
+        that together bound the Allan variance of the lines. A constant has no effect. A time
+        constant longer than the lines cannot be resolved. Lines without a run of 16 s are rejected.
 
         Parameters
         ----------
@@ -2360,7 +2371,8 @@ class StageMethods:
             Residual, or the signal from which `truth` is subtracted. Unit: nT. Default:
             `"residual"`.
         truth : str, optional
-            Column to subtract, such as `mag_1_c`. Unit: nT. Unset: nothing is subtracted.
+            Column that is subtracted from `column`, such as `mag_1_c`. Unit: nT. Unset: nothing is
+            subtracted.
         method : {"autocorrelation", "allan"}, optional
             Statistic that is fitted. Default: `"autocorrelation"`.
         name : str, optional
@@ -2475,18 +2487,18 @@ class StageMethods:
             Columns that are further inputs of the network, such as currents. A value that is not
             finite is rejected. Unset: none.
         hidden : int, optional
-            Number of units of the layer. Allowed: 1 to 256. Default: `8`.
+            Number of units in the layer of the network. Allowed: 1 to 256. Default: `8`.
         limit : float, optional
-            Largest factor on a standard deviation; the smallest is its inverse. Allowed: 1.01 to
-            10000. Default: `10.0`.
+            Largest factor by which the network multiplies a standard deviation. The smallest factor
+            is its inverse. Allowed: 1.01 to 10000. Default: `10.0`.
         epochs : int, optional
             Number of passes through the lines. Allowed: 1 to 100000. Default: `30`.
         window_s : float, optional
-            Time through which derivatives are propagated. Unit: s. Allowed: above 0. Default:
-            `200.0`.
+            Length of time over which derivatives are propagated back. Unit: s. Allowed: above 0.
+            Default: `200.0`.
         learning_rate : float, optional
-            Learning rate of the first step. It falls to 0 along half a cosine. Allowed: above 0.
-            Default: `0.01`.
+            Learning rate of the first step. It falls to 0 along half a period of a cosine. Allowed:
+            above 0. Default: `0.01`.
         seed : int, optional
             Seed of the initial weights. Default: `0`.
         tuning : {"auto", "magnav"}, optional
@@ -2505,7 +2517,8 @@ class StageMethods:
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement, so that the filter need not
             estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-            Unset: true if the flight has the column and the measurement still contains it.
+            Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+            the measurement.
         decimal_year : float, optional
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
@@ -2514,24 +2527,24 @@ class StageMethods:
             to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
         map_levels_m : ListLike, optional
             Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-            map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-            `tuning = "auto"`, else used at its own height.
+            map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+            continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
             added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-            between the nodes that follows from the map; else the map is assumed exact.
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+            is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+            on the interpolation error that the map implies.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
-            prediction is computed. This offset is subtracted before filtering, because compensation
-            leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-            Default: `0.0`.
+            prediction is computed. This offset is subtracted from the measurements before
+            filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+            Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
-            Standard deviation of the white noise of a measurement: sensor, map and residual of the
-            compensation. `"auto"` uses the residual of the calibration, from the column
-            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+            Standard deviation of the white noise of a measurement, from the sensor, the map and the
+            residual of the compensation. `"auto"` uses the residual of the calibration, from the
+            column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
             "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -2575,27 +2588,27 @@ class StageMethods:
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
         dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
             Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-            and inversely proportional to the amplitude. A sample below a tenth of the largest
-            amplitude has no measurement. Default: `"none"`.
+            of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+            amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-            `ins_grade` if it has one.
+            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+            column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-            above. Default: `0.01`.
+            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-            Default: `0.01`.
+            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
             Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
             than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -2811,8 +2824,9 @@ class StageMethods:
 
         A flat map without a core field corrects the temporal variation only. With a core field, the
         slope of the core field also corrects the position slightly. A NaN in an INS column is
-        rejected, and the error names its row. Missing velocities, specific forces and attitudes are
-        derived from the INS positions (attitude: level, along the course).
+        rejected, and the error message gives its row. Missing velocities, specific forces and
+        attitudes are derived from the INS positions. A derived attitude is level, with the yaw
+        along the course.
 
         The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it.
         `map_height_error` is the expected rms error of the whole map at the mean height of the
@@ -2835,9 +2849,9 @@ class StageMethods:
         to the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
         `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
         `residual_noise` and `assume_noise` estimate them from lines over a known field. With
-        `offset_window_s` the offset removes the slow error of the first seconds, and the variance
-        and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"`
-        the error of bilinear interpolation between nodes is added to the white noise.
+        `offset_window_s` the offset removes the slowly varying error of the first seconds, and the
+        variance and time constant of the remaining error are doubled. With `measurement_sigma_nt =
+        "auto"` the error of bilinear interpolation between nodes is added to the white noise.
 
         Parameters
         ----------
@@ -2866,7 +2880,8 @@ class StageMethods:
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement, so that the filter need not
             estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
-            Unset: true if the flight has the column and the measurement still contains it.
+            Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
+            the measurement.
         decimal_year : float, optional
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
@@ -2875,24 +2890,24 @@ class StageMethods:
             to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
         map_levels_m : ListLike, optional
             Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-            map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
-            `tuning = "auto"`, else used at its own height.
+            map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
+            continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
             added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-            between the nodes that follows from the map; else the map is assumed exact.
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+            is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
+            on the interpolation error that the map implies.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
-            prediction is computed. This offset is subtracted before filtering, because compensation
-            leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
-            Default: `0.0`.
+            prediction is computed. This offset is subtracted from the measurements before
+            filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
+            Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
-            Standard deviation of the white noise of a measurement: sensor, map and residual of the
-            compensation. `"auto"` uses the residual of the calibration, from the column
-            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+            Standard deviation of the white noise of a measurement, from the sensor, the map and the
+            residual of the compensation. `"auto"` uses the residual of the calibration, from the
+            column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
             "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
@@ -2936,27 +2951,27 @@ class StageMethods:
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
         dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
             Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-            and inversely proportional to the amplitude. A sample below a tenth of the largest
-            amplitude has no measurement. Default: `"none"`.
+            of the sensor's signal, and inversely proportional to the amplitude. A sample whose
+            amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
-            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
-            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
-            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
-            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
-            `ins_grade` if it has one.
+            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
+            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
+            column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
-            above. Default: `0.01`.
+            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
-            Default: `0.01`.
+            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
             Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
             than the level tilt errors, because the INS finds north by the earth's rotation, which
@@ -3013,11 +3028,12 @@ class StageMethods:
             order, to first order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
         gnss_lost_s : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times of loss and
-            recovery of GNSS, in s from the first sample of the line. Before the loss and after the
-            recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts
-            without GNSS and recovers it after ten minutes. If the recovery is after the end of the
-            line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times at which
+            GNSS is lost and recovered, in seconds from the first sample of the line. Before the
+            loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+            600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+            the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+            not used.
         gnss : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns of the
@@ -3041,22 +3057,22 @@ class StageMethods:
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
             with these standard deviations to the positions. It is reproducible for each line.
             Without it, simulated positions are exact, and the filter appears more accurate than it
-            would be with real GNSS. Unset: true if `gnss` names columns of the role truth.
+            would be with real GNSS. Unset: true if `gnss` names columns whose role is `truth`.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Compares each
-            position with the INS, by a chi-square test of this position and by a cumulative sum
-            over earlier positions. Rejected positions are not used. A jump is detected at once. A
-            drift of 1 m/s is detected after about 10 s; all positions since its start are then
+            GNSS position with the INS, by a chi-square test of this position and by a cumulative
+            sum over earlier positions. Rejected positions are not used. A jump is detected at once.
+            A drift of 1 m/s is detected after about 10 s; all positions since its start are then
             rejected. Positions are accepted again after ten consecutive positions agree with the
             INS. `gnss_update` is appended even if this key is false. Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. Their
             difference, first minus second, measures the slope of the map along the line between
-            them. The temporal variation and all other common errors cancel in it. Not with
-            `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-            Unset: the difference is not measured.
+            them. The temporal variation and all other common errors cancel in it. Cannot be
+            combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+            steps. Unit: nT. Unset: the difference is not used.
         gradient_baseline_m : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Vector from the second magnetometer of `gradient`
@@ -3069,18 +3085,18 @@ class StageMethods:
             difference. Unit: nT. Allowed: above 0. Default: `0.1`.
         gradient_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slow error of the
-            difference, such as the undetermined constants of two calibrations. Unit: nT. Allowed: 0
-            or above. Default: `1.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying error of
+            the difference, caused for example by the undetermined constants of two calibrations.
+            Unit: nT. Allowed: 0 or above. Default: `1.0`.
         gradient_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slow error of the difference.
-            Unit: s. Allowed: above 0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying error of the
+            difference. Unit: s. Allowed: above 0. Default: `3600.0`.
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
-            along the line between the magnetometers. Multiplied by the baseline, it is an error of
-            the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
+            along the line between the magnetometers. Multiplied by the baseline, it gives an error
+            in the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
             uses the maximum-likelihood value from the innovations of the difference. This value
             also reveals maps made from sparse lines. For a map without a vertical slope (one
             height, no `map_levels_m`), the error increases by the vertical baseline times the rms
@@ -3096,12 +3112,12 @@ class StageMethods:
             component of `vector`. If set, the vector measures the scalar field and the attitude,
             except for the rotation about the field direction. Requires `core_field` and a vector
             magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-            not measured.
+            not used.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component.
-            In a field of 50,000 nT, 50 nT correspond to 0.06°. Unit: nT. Allowed: 0 or above.
-            Default: `50.0`.
+            In a field of 50,000 nT, a bias of 50 nT corresponds to an attitude error of 0.06°.
+            Unit: nT. Allowed: 0 or above. Default: `50.0`.
         vector_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above
@@ -3115,12 +3131,12 @@ class StageMethods:
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the part of the crustal
-            field in `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m.
-            Allowed: above 0. Default: `1000.0`.
+            field whose standard deviation is `vector_crustal_sigma_nt`; typically the height above
+            the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Column of measured heights above the ellipsoid,
-            such as `baro` of a barometer that does not already aid the INS. Unit: m. Unset: the
+            such as `baro`, from a barometer that does not already aid the INS. Unit: m. Unset: the
             height of the INS and its barometer is used.
         height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
@@ -3128,11 +3144,11 @@ class StageMethods:
             height. Unit: m. Allowed: above 0. Default: `3.0`.
         height_bias_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slow error of the
-            height, from the weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying height
+            error caused by the weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
         height_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slow error of the height.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying height error.
             Unit: s. Allowed: above 0. Default: `3600.0`.
         map_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
@@ -3149,24 +3165,24 @@ class StageMethods:
             magnetometer's time stamps. If set, the lag is a state of the filter, constant along the
             line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0
             omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
-            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are exact; with
-            `tuning = "auto"` 1.0 if a lag clearly increases the likelihood.
+            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are assumed to be
+            exact; `tuning = "auto"` sets 1.0 if a lag clearly increases the likelihood.
         map_height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of a height bias: the
-            height of the aircraft above its assumed height on the map. It comes from a barometer
-            with a constant error, from a geoid height that is missing, or from a wrong map height.
-            If set, the bias is a state of the filter, constant along the line. It changes the
-            prediction of the scalar field only, and not `alt`. Requires a map at the heights of the
-            bias: `map_levels_m`, or with this key and `tuning = "auto"` a continuation to twice
-            this height below and above the line. 0 omits this state. Appends `map_height_bias` and
+            true height of the aircraft minus its assumed height on the map. Causes are a constant
+            error of the barometer, a missing geoid height, or a wrong map height. If set, the bias
+            is a state of the filter, constant along the line. It changes the prediction of the
+            scalar field only, and not `alt`. Requires a map that is continued to the heights of the
+            bias: set `map_levels_m`, or `tuning = "auto"`, which continues the map to twice this
+            value below and above the line. 0 omits this state. Appends `map_height_bias` and
             `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or
-            above. Unset: with `tuning = "auto"` 50 if the levels of the map contain the bias and it
-            increases the likelihood clearly; else the height is exact.
+            above. Unset: the height is assumed to be exact; `tuning = "auto"` sets 50 if the levels
+            of the map contain the bias and it clearly increases the likelihood.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change of the aircraft's
-            permanent field since its calibration, for each component (nose, right, down). The three
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change in the aircraft's
+            permanent field since calibration, per component (nose, right, down). The three
             components are further states. Their effect on the scalar field follows from the
             attitude and the core field. A constant offset of 100 nT (standard deviation) is a
             fourth state. Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf`
@@ -3174,16 +3190,16 @@ class StageMethods:
             maximum likelihood if these states clearly increase the likelihood.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of this change. Unit: s. Allowed:
-            above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise the change is
-            constant along the line.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change of the permanent
+            field. Unit: s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`,
+            otherwise the change is constant along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Limit of the measurement's standard deviation
-            divided by the map's horizontal slope. Above this distance the map is too flat for a
-            position. The sample is then `flat`: it corrects only the temporal variation and the map
-            error. Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all samples correct the
-            position.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Upper limit on the ratio of the measurement's
+            standard deviation to the map's horizontal slope. Above this limit the map is too flat
+            to observe the position. The sample is then `flat`: it corrects only the temporal
+            variation and the map error. Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all
+            samples correct the position.
         iterations : int, optional
             For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
             Default: `5`.
@@ -3195,13 +3211,14 @@ class StageMethods:
             For `rts`: Largest position change along the line in one iteration, below which the
             iteration ends. Unit: m. Allowed: above 0. Default: `0.1`.
         alpha : float, optional
-            For `ukf`: Scale factor of the distance of the outer points. Allowed: above 0. Default:
-            `1.0`.
+            For `ukf`: Scale factor of the distance of the outer points from the centre. Allowed:
+            above 0. Default: `1.0`.
         beta : float, optional
-            For `ukf`: Additional weight of the centre in the variance, compared with the mean; at
-            least -alpha² kappa/3. Averaged over directions, the variance computed for the
-            nonlinearity of the field is (5 + 4 beta)/8 of the true variance. The filter is
-            therefore cautious with a beta of 2. Allowed: finite. Default: `2.0`.
+            For `ukf`: Parameter of the central sigma point, whose weight in the covariance exceeds
+            its weight in the mean by 1 - alpha² + beta; at least -alpha² kappa/3. Averaged over
+            directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of
+            the true variance. The filter is therefore cautious with a beta of 2. Allowed: finite.
+            Default: `2.0`.
         kappa : float, optional
             For `ukf`: Parameter of the outer points, which are alpha sqrt(3 + kappa) standard
             deviations from the centre; above -3. With 0 the gain is exact to the fourth moment of a
@@ -3227,8 +3244,8 @@ class StageMethods:
             For `ekf_adaptive`: Estimator of the noise. `"residual"` uses the a posteriori residual
             of each measurement. `"matched"`, the default of version 1, subtracts from each squared
             innovation the covariance predicted at that time. `"compatible"`, as in MagNav.jl,
-            starts at the mean of the bounds and subtracts the present covariance from all. Default:
-            `"residual"`.
+            starts at the mean of the bounds and subtracts the present covariance from all squared
+            innovations. Default: `"residual"`.
         features : ListLike | str, optional
             For `nekf`: Columns that are further inputs of the network, such as currents. A value
             that is not finite is rejected. Unset: none.
@@ -3242,7 +3259,8 @@ class StageMethods:
             The wide prior of a cold start does not describe changes in flight. Allowed: 0 or above.
             Unset: 0.1 with `model`, else 0.0.
             For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
-            prior standard deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
+            prior standard deviation; 0 for constant coefficients. Allowed: 0 or above. Default:
+            `0.0`.
         flux_bias_sigma_nt : float, optional
             For `ekf_online_tl`: Standard deviation of a bias of each axis of `vector`, from which
             the terms are computed. If set, the bias is estimated. Unit: nT. Allowed: above 0.
@@ -3273,8 +3291,8 @@ class StageMethods:
             nT. Allowed: above 0. Default: `500.0`.
         input_sigma_nt : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of any other term, such as a
-            current, in nT per unit of its column. A loop in the same cabin causes a few nT per
-            ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
+            current, in nT per unit of its column. A current loop in the same cabin causes a few nT
+            per ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
         heading_error_sigma_nt : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of each harmonic of the
             magnetometer's heading error: the first, second and fourth harmonic of the angle between
@@ -3294,8 +3312,8 @@ class StageMethods:
             For `ekf_online_nn`: Activation function. Default: `"swish"`.
         seed : int, optional
             For `ekf_online_nn`: Seed of the initial weights. Default: `0`.
-            For `mpf`, `mpf_then_ekf`: Seed of all random draws. The same seed gives the same bits
-            on any number of threads. Default: `0`.
+            For `mpf`, `mpf_then_ekf`: Seed of all random draws. The same seed gives bit-identical
+            results on any number of threads. Default: `0`.
             For `slam`: Seed of all random draws. Default: `0`.
         passes : int, optional
             For `ekf_online_nn`: Number of passes of the training over its samples. Allowed: 1 to
@@ -3312,8 +3330,8 @@ class StageMethods:
             For `fixed_lag`: Fraction of a window that the next window shares: windows end every
             `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
         lag_s : float, optional
-            For `fixed_lag`: Maximum time by which a measurement in the estimate of a sample is
-            later than the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above.
+            For `fixed_lag`: Delay of the estimate: a sample's estimate uses measurements up to this
+            time after the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above.
             Default: `0.0`.
         measurement_interval_s : float, optional
             For `fixed_lag`: Interval over which measurements are averaged into one. 0 uses every
@@ -3330,37 +3348,37 @@ class StageMethods:
             deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with
             `cauchy`: 95 % efficient for normal noise.
         aircraft_sigma_nt : float, optional
-            For `fixed_lag`: Standard deviation of the slow aircraft field that its coefficients do
-            not explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning =
-            "auto"` estimates the noise of the line, which then includes it.
+            For `fixed_lag`: Standard deviation of the slowly varying aircraft field that the
+            coefficients do not explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or
+            0 if `tuning = "auto"` estimates the noise of the line, which then includes it.
         aircraft_tau_s : float, optional
-            For `fixed_lag`: Time constant of that slow aircraft field. Unit: s. Allowed: above 0.
-            Default: `300.0`.
+            For `fixed_lag`: Time constant of this slowly varying aircraft field. Unit: s. Allowed:
+            above 0. Default: `300.0`.
         particles : int, optional
-            For `mpf`: Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for
-            an INS lost by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to
-            1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side
-            `smooth_over_m`; appends `particles`.
+            For `mpf`: Number of particles: 1000 if the INS position is known to within hundreds of
+            metres; 10,000 if it is off by kilometres, or if a measurement is as precise as
+            `gradient`. Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox
+            2003) over squares of side `smooth_over_m`; appends `particles`.
             For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to
             50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`.
             For `slam`: Number of particles. They must cover the drift between revisits densely, so
             a less accurate INS requires more particles. Allowed: 2 to 1000000. Default: `1000`.
         resample_threshold : float, optional
-            For `mpf`: Effective number of particles, as a fraction of all, below which they are
-            resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
-            Allowed: 0 to 1. Default: `0.5`.
+            For `mpf`: Effective number of particles, as a fraction of their number, below which the
+            particles are resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only
+            adds noise. Allowed: 0 to 1. Default: `0.5`.
         regularise : bool, optional
             For `mpf`: Resamples from a kernel density. The position error of a good INS has almost
-            no process noise, so without it only copies of a few particles remain. The covariance is
-            then far too small. Default: `true`.
+            no process noise, so without the kernel density only copies of a few particles remain.
+            The covariance is then far too small. Default: `true`.
         smooth_over_m : float, optional
             For `mpf`: Distance over which the map is nearly linear; typically its height above the
-            sources. A wider cloud has one kernel for each of its parts. The slope that `gradient`
-            measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
-            `200.0`.
+            sources. A wider cloud of particles has one kernel for each of its parts. The slope that
+            `gradient` measures is linear over a third of this distance. Unit: m. Allowed: above 0.
+            Default: `200.0`.
             For `mpf_then_ekf`: Distance over which the map is nearly linear; typically its height
-            above the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed:
-            above 0. Default: `200.0`.
+            above the sources. A wider cloud of particles has one kernel for each of its parts.
+            Unit: m. Allowed: above 0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation of the position noise of each resampled particle, per
             axis. It is in units of the range of the particles divided by the square root of their
@@ -3399,27 +3417,28 @@ class StageMethods:
             For `slam`: Maximum number of earlier samples in a prediction. Allowed: 1 to 20.
             Default: `12`.
         ignore_s : float, optional
-            For `slam`: Time before a sample in which other samples do not count as earlier samples.
-            Unit: s. Allowed: 0 or above. Default: `30.0`.
+            For `slam`: Length of the time before a sample within which other samples do not count
+            as earlier samples. Unit: s. Allowed: 0 or above. Default: `30.0`.
         trigger_radius_m : float, optional
-            For `slam`: Radius of a revisit: it contains more than `trigger_points` earlier samples.
-            Unit: m. Allowed: above 0. Unset: 18 m, or 1.6 times the distance between samples.
+            For `slam`: Radius of the circle used to detect a revisit. A sample is a revisit if more
+            than `trigger_points` earlier samples lie within this radius. Unit: m. Allowed: above 0.
+            Unset: 18 m, or 1.6 times the distance between samples.
         trigger_points : int, optional
-            For `slam`: Number of earlier samples within `trigger_radius_m` that a revisit exceeds.
-            Default: `2`.
+            For `slam`: A revisit is declared when more than this number of earlier samples lie
+            within `trigger_radius_m`. Default: `2`.
         interpolation_radius_m : float, optional
             For `slam`: Radius within which earlier samples are used for a prediction. Unit: m.
-            Allowed: above 0. Unset: half the length of the covariance, at most 0.4 of the distance
-            flown in `ignore_s`.
+            Allowed: above 0. Unset: half the correlation length, at most 0.4 of the distance flown
+            in `ignore_s`.
         max_height_difference_m : float, optional
             For `slam`: Maximum height difference of earlier samples. Smaller differences increase
             the variance of these samples. Unit: m. Allowed: 0 or above. Default: `100.0`.
         interpolant_sigma_nt : float, optional
-            For `slam`: Standard deviation of a prediction by inverse distance. Unit: nT. Allowed:
-            above 0. Default: `10.0`.
+            For `slam`: Standard deviation of an inverse-distance-weighted prediction. Unit: nT.
+            Allowed: above 0. Default: `10.0`.
         resample_below : float, optional
-            For `slam`: Effective number of particles, as a fraction of all, below which they are
-            resampled. Allowed: 0 to 1. Default: `0.5`.
+            For `slam`: Effective number of particles, as a fraction of their number, below which
+            the particles are resampled. Allowed: 0 to 1. Default: `0.5`.
         smooth : bool, optional
             For `slam`: Replaces the track of the particles by the most probable track of the whole
             flight. Default: `false`.
@@ -3465,15 +3484,16 @@ class StageMethods:
         """Appends the value of a map at every sample: the anomaly `map_anomaly` and its slopes
         `map_grad_n`, `map_grad_e`, `map_grad_u` (per metre north, east and up).
 
-        Use it to compare a signal with the map, or to assess a map for navigation. A sample off the
-        map, in a cell with an unknown node, or without a position is NaN. A map in eastings and
-        northings is interpolated on its native grid: the position is projected, and the slopes are
-        rotated back to north and east.
+        Use it to compare a signal with the map, or to assess a map for navigation. The result is
+        NaN for a sample off the map, in a cell with an unknown node, or without a position. A map
+        in eastings and northings is interpolated on its native grid: the position is projected, and
+        the slopes are rotated back to north and east.
 
         By default the map is used at its native height and has no vertical slope. `map_levels_m`
-        continues it to these heights and interpolates between them, so that the values follow
-        climbs and descents. A sample more than half a step above or below the levels is NaN.
-        Downward continuation amplifies short wavelengths, so keep the levels at or above the map.
+        gives heights to which the map is continued. The stage interpolates between them, so that
+        the values follow climbs and descents. The result is NaN for a sample more than half a step
+        above or below the levels. Downward continuation amplifies short wavelengths, so keep the
+        levels at or above the map.
 
         Parameters
         ----------
@@ -3482,10 +3502,10 @@ class StageMethods:
         map : TableLike
             Input: map.
         position : {"truth", "ins"}, optional
-            Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS.
-            Columns computed at the true position have the role truth, so using them as features
-            requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`, `ins_lon`
-            and `ins_alt`, otherwise the true position.
+            Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the
+            INS position. Columns computed at the true position have the role truth, so using them
+            as features requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`,
+            `ins_lon` and `ins_alt`, otherwise the true position.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
             Interpolation of the map. The field above its sources is smooth, so a spline is closer
             to it than a bilinear map. Default: `"cubic"`.
@@ -3562,12 +3582,12 @@ class StageMethods:
         map : TableLike
             Input: map.
         position : {"truth", "ins"}, optional
-            Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS.
-            Columns computed at the true position have the role truth, so using them as features
-            requires `allow_truth`. Default: `"truth"`.
+            Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the
+            INS position. Columns computed at the true position have the role truth, so using them
+            as features requires `allow_truth`. Default: `"truth"`.
         sigma_nt : float, optional
-            Standard deviation of the error of a measurement: sensor, map and residual of the
-            compensation, per sample. Unit: nT. Allowed: above 0. Default: `5.0`.
+            Standard deviation of the error of a measurement, from the sensor, the map and the
+            residual of the compensation, per sample. Unit: nT. Allowed: above 0. Default: `5.0`.
         window_s : float, optional
             Length of the window about each sample. Unit: s. Allowed: above 0. Default: `60.0`.
         unknown_constant : bool, optional
@@ -3643,8 +3663,8 @@ class StageMethods:
         than five points. These inputs are rejected: a level below the points, a spacing wider than
         the area, levelling of lines that do not cross, and a core field for points without a date.
 
-        `cross_validate` predicts every line from others. The column `error` then holds the expected
-        error of each node.
+        `cross_validate` predicts every line from other lines. The column `error` then holds the
+        expected error of each node.
 
         Parameters
         ----------
@@ -3653,13 +3673,13 @@ class StageMethods:
         value : str, optional
             Column of the values. Unit: nT. Default: `"anomaly"`.
         core_field : {"none", "igrf", "wmm", "column"}, optional
-            Core field to subtract: magnitude of IGRF-14, of the World Magnetic Model, or the column
-            `igrf`. Default: `"none"`.
+            Core field that is subtracted from the values: the magnitude from IGRF-14 or from the
+            World Magnetic Model, or the column `igrf`. Default: `"none"`.
         decimal_year : float, optional
             Date of the core field, instead of the date of each point. Unit: a. Allowed: 1900 to
             2030. Unset: the date of each point, from `year`, `doy` and `tt`.
         remove_diurnal : bool, optional
-            Subtracts the column `diurnal`. Default: `false`.
+            Subtracts the column `diurnal` from the values. Default: `false`.
         level_order : int, optional
             Order of the levelling correction of each line: 0 for a constant, 1 for a linear
             correction, and so on. Allowed: 0 to 8. Unset: no levelling.
@@ -3679,8 +3699,8 @@ class StageMethods:
         tension : float, optional
             Tension of the minimum-curvature surface. Allowed: 0 to 1. Default: `0.25`.
         bounds : ListLike, optional
-            West, south, east and north bound of the map: eastings and northings in metres. Unit: m.
-            Unset: all points.
+            West, south, east and north bounds of the map: eastings and northings in metres. Unit:
+            m. Unset: all points.
         block_m : float, optional
             Side of the blocks to which points are reduced. 0 keeps every point. Unit: m. Allowed: 0
             or above. Unset: a quarter of the distance between lines, at most 200 m.
@@ -3762,9 +3782,9 @@ class StageMethods:
 
         The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
         of the lines. The size of the equations therefore does not depend on the length of the
-        flight. Each line may have its own constant, each flight a temporal variation. The kernel is
-        the same as in `slam`, fitted by maximum likelihood to segments of the lines. The map is at
-        the mean height of the measurements; height differences are treated as noise.
+        flight. Each line may have its own constant, and each flight its own temporal variation. The
+        kernel is the same as in `slam`, fitted by maximum likelihood to segments of the lines. The
+        map is at the mean height of the measurements; height differences are treated as noise.
 
         The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map
         counts as measurement noise and is included in `sd`. An error common to the whole track
@@ -3785,15 +3805,15 @@ class StageMethods:
         mag : str, optional
             Column of the measured field. Unit: nT. Default: `"mag_c"`.
         core_field : bool, optional
-            Subtracts the core field (IGRF-14) at the position of the track. `false`: the
-            measurement is an anomaly. Default: `true`.
+            Subtracts the core field (IGRF-14) at the position of the track from the measurement.
+            `false`: the measurement is an anomaly. Default: `true`.
         decimal_year : float, optional
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal`
-            has no measurement. Unset: true if the flight has the column and the measurement still
-            contains it.
+            has no measurement. Unset: true if the flight has a column `diurnal` that has not yet
+            been subtracted from the measurement.
         interval_s : float, optional
             Interval over which measurements are averaged. 0 uses every sample. Unit: s. Allowed: 0
             or above. Default: `1.0`.
@@ -3826,8 +3846,8 @@ class StageMethods:
             Distance between nodes. Unit: m. Allowed: above 0. Unset: a sixth of the length of the
             kernel.
         bounds : ListLike, optional
-            West, south, east and north limits of the map: eastings and northings. Unit: m. Unset:
-            all measurements.
+            West, south, east and north bounds of the map: eastings and northings in metres. Unit:
+            m. Unset: all measurements.
         max_sd_nt : float, optional
             Largest standard deviation of a known node. Nodes above it are unknown. Unit: nT.
             Allowed: above 0. Unset: a quarter of the standard deviation of the anomaly.
@@ -3882,8 +3902,8 @@ class StageMethods:
         their surroundings.
 
         Other maps are converted to the coordinate system of the map. Lower maps are continued
-        upward to its height. Their difference to the map in the overlap (`bias`) is removed. Values
-        filled from the surroundings contain no information about the anomaly there.
+        upward to its height. Their difference from the map in the overlap (`bias`) is removed.
+        Values filled from the surroundings contain no information about the anomaly there.
         `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large
         gaps.
 
@@ -3912,10 +3932,10 @@ class StageMethods:
             Width of the transition at the edge between two maps. Unit: m. Allowed: 0 or above.
             Default: `1000.0`.
         bias : {"nothing", "constant", "plane"}, optional
-            Difference to the map that is estimated in the overlap and removed from the other maps.
-            Default: `"constant"`.
+            Difference of the other maps from the map. It is estimated in the overlap and removed
+            from the other maps. Default: `"constant"`.
         extend : bool, optional
-            Extends the map to the extent of all maps together. Default: `false`.
+            Extends the map to the combined extent of all maps. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -4086,7 +4106,7 @@ class StageMethods:
         """Computes a component of the anomaly field from a map of the total-field anomaly: towards
         true north, towards true east, or down.
 
-        An axis of `component` gives all three.
+        A sweep over `component` gives all three.
 
         The anomaly is the component of the anomaly field along the core field. Above all sources
         the anomaly field is the gradient of a potential. For the direction f of the core field and
@@ -4178,14 +4198,14 @@ class StageMethods:
         """Scores each line: a compensated signal against the truth, and a track against the true
         positions.
 
-        `input` names one or several tables with the same samples: the table with the compensated
-        signal and the table of the track. If `metrics` is unset, all built-in metrics that these
-        tables allow are scored. Each metric is a row with `metric`, `value`, `unit` and `n`, the
-        number of samples (for crossings: pairs). Rows with a NaN are excluded from a metric and its
-        `n`; a metric without samples has a null value. A metric that cannot be computed for a line
-        has a null value and the reason in `note`. An example is an upper corner above half the
-        sample rate. The other metrics are kept. The run reports a warning, or fails if `metrics`
-        names the metric.
+        `input` names one or several tables with the same samples, for example the table with the
+        compensated signal and the table of the track. If `metrics` is unset, the stage scores all
+        built-in metrics that can be computed from these tables. Each metric is a row with `metric`,
+        `value`, `unit` and `n`, the number of samples (for crossings: number of pairs). Rows with a
+        NaN are excluded from a metric and its `n`; a metric without samples has a null value. A
+        metric that cannot be computed for a line has a null value and the reason in `note`. An
+        example is an upper corner above half the sample rate. The other metrics are kept. The run
+        reports a warning, or fails if `metrics` names the metric.
 
         The published table also has `in_sample`: true if the line was used to make the model, noise
         or map behind the score, or to choose a parameter in a search. Such a score is an error of
@@ -4205,9 +4225,9 @@ class StageMethods:
         A table computed by `map_value` adds scores of the map: the agreement of the signal with the
         map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
         and, if available, `diurnal` are first subtracted from the signal. `map_position_bound` is
-        the Cramér-Rao bound for a constant horizontal offset and an unknown constant of the
-        measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors, such
-        as those of maps and the temporal variation, increase the actual error.
+        the Cramér-Rao bound on a constant horizontal position offset when the measurement also has
+        an unknown constant. It assumes independent sample errors of `map_sigma_nt`; correlated
+        errors, such as those of maps and the temporal variation, increase the actual error.
 
         A track is also tested against its own covariance: `nees_consistent` and `nis_consistent`
         are tests at 95 %. `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or
@@ -4231,7 +4251,7 @@ class StageMethods:
         "samples_missing", "samples_off_map", "samples_gated", "samples_flat", "gnss_rejected",
         "map_height_error", "map_std_error", "map_bias_error", "map_gradient_along_track",
         "map_position_bound"}], optional
-            Metrics to score. Unset: all built-in metrics that the inputs allow.
+            Metrics to score. Unset: all built-in metrics that can be computed from the inputs.
         mag : str, optional
             Column of the compensated signal. Unit: nT. Default: `"mag_c"`.
         low_hz : float, optional
@@ -4293,16 +4313,16 @@ class StageMethods:
     ) -> TableHandle:
         """Pools the scores of lines, with a confidence interval for each pooled value.
 
-        Errors in nT and m are pooled as root mean squares, ratios and biases as means. Both are
+        Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are
         weighted by the number of samples. `cep` and `r95` are radii of the samples of all lines.
         Numbers of samples are added. The interval consists of percentiles over `draws` resamples of
         lines with replacement. Whole lines are resampled because the errors within a line are
         correlated. A single line has no interval (null).
 
         Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled
-        over the lines in sample, and `in_sample` is true. A line is in sample if it was used to
+        over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to
         make a model, noise or map behind its scores, or to choose a parameter in a search. The
-        table `scores_pooled` also pools the lines in sample if other lines exist.
+        table `scores_pooled` also pools the in-sample lines if other lines exist.
 
         `train` lists the lines to which the model was fitted, and adds the metric
         `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,

@@ -28,8 +28,7 @@ use prost::Message;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::{
-    auth::Token,
-    keys, parameters,
+    Token, keys, parameters,
     queries::{PlannedQuery, QueryRegistry, fault_status},
 };
 

@@ -1,9 +1,10 @@
 //! Authenticates clients by the token, which is given as `Bearer TOKEN` or as the password of any user.
 
 use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
-use ports::PortClient;
 use schemas::Fault;
 use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
+
+use super::PortClient;
 
 /// Minimum number of characters of a token.
 const SHORTEST: usize = 16;
