@@ -191,7 +191,8 @@ def test_only_a_map_with_errors_has_them(visit, view):
     # The other point of the axis.
     cells = own.locator("figcaption").inner_text().split(" cells")[0]
     own.locator('[data-key="axis.spacing"]').select_option(index=1)
-    until(page, "[...document.querySelectorAll('#maps figcaption')].some((c) => c.textContent.includes('spacing = 500'))")
+    until(page, "[...document.querySelectorAll('#maps figcaption')].some((c) => "
+                "c.textContent.includes('spacing = 500'))")
     assert own.locator("figcaption").inner_text().split(" cells")[0] != cells
 
 

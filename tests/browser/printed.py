@@ -9,8 +9,8 @@ from conftest import FOLDER, line_view, until
 
 # Width of A4 between margins of 1 cm, px.
 PAPER = 718
-CONTROLS = """button.plain, button.second, .tabs, .controls, .downloads, .read, .hint, label.check, details.columns, select,
-    input"""
+CONTROLS = """button.plain, button.second, .tabs, .controls, .downloads, .read, .hint, label.check, details.columns,
+    select, input"""
 
 
 def on_paper(page):

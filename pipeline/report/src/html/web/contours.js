@@ -130,7 +130,8 @@ function labelPlace(line, { width, height }, taken) {
   for (const part of [0.5, 0.25, 0.75]) {
     const [x, y] = line[Math.floor(part * (line.length - 1))], u = (x + 0.5) / width, v = (y + 0.5) / height;
     const inside = Math.min(u, 1 - u) > 0.05 && Math.min(v, 1 - v) > 0.03;
-    if (inside && taken.every(([a, b]) => Math.abs(a - u) > LABEL_GAP[0] || Math.abs(b - v) > LABEL_GAP[1])) return [u, v];
+    const [wide, high] = LABEL_GAP;
+    if (inside && taken.every(([a, b]) => Math.abs(a - u) > wide || Math.abs(b - v) > high)) return [u, v];
   }
   return null;
 }

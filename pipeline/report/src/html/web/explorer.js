@@ -2,8 +2,8 @@
 "use strict";
 // The explorer of each score table: controls, table, and the state in the hash of the address.
 
-const VIEWS = { table: "Table", pivot: "Pivot", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter",
-  lines: "Lines", compare: "Compare" };
+const VIEWS = { table: "Table", pivot: "Pivot", heat: "Heat map", curve: "Curve", parallel: "Parallel",
+  scatter: "Scatter", lines: "Lines", compare: "Compare" };
 /** Best point of each pipeline by the metric that ranks the points. @type {Map<string, SweepPoint>} */
 const BEST_POINTS = new Map();
 const ROW_PX = 30, MANY = 60, NARROW_TABLE_PX = 640, MOST_PRINTED = 2000;

@@ -30,7 +30,8 @@ class LineView {
     this.track = element("div", { class: "track", hidden: true });
     this.columns = new ColumnList(() => this.pick(this.columns.chosen));
     this.side = element("div", { class: "line-side" }, [this.track, this.columns.home]);
-    const help = element("p", { class: "note hint" }, ["Drag to zoom, Shift and drag to move, double-click for all. Keys: " +
+    const help = element("p", { class: "note hint" }, ["Drag to zoom, Shift and drag to move, double-click for all. " +
+      "Keys: " +
       "arrows read values, + and \u2212 zoom, Page Up and Page Down move, 0 shows all."]);
     home.append(this.controls, this.presets, this.status, element("div", { class: "line-grid" }, [
       element("div", { class: "line-main" }, [this.tools, this.charts, help, this.spectra]), this.side]));

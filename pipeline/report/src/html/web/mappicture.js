@@ -117,8 +117,8 @@ class MapPicture {
     this.canvas = canvas;
     // No taller than the window.
     this.frame.style.maxWidth = `${Math.round(MAP_HIGH_PX * aspect)}px`;
-    this.frame.setAttribute("aria-label", `Map ${visible(this.table)}, ${MAP_LAYERS[layer.kind]} from ${short(low)} to ` +
-      `${short(high)} ${unit}. Arrow keys read values. Enter at two places draws a profile.`);
+    this.frame.setAttribute("aria-label", `Map ${visible(this.table)}, ${MAP_LAYERS[layer.kind]} from ${short(low)} ` +
+      `to ${short(high)} ${unit}. Arrow keys read values. Enter at two places draws a profile.`);
     this.frame.replaceChildren(canvas, this.over, this.labels, this.mark);
     this.frame.dataset.layer = layer.kind;
     this.contours(map);
@@ -152,8 +152,8 @@ class MapPicture {
       visible(point) : ""}: ${map.of[0]} \u00d7 ${map.of[1]} cells` +
       (map.thinned ? `, drawn as ${map.width} \u00d7 ${map.height} means` : "") +
       `, ${map.south.toFixed(3)}\u00b0 to ${map.north.toFixed(3)}\u00b0 north, ${map.west.toFixed(3)}\u00b0 to ` +
-      `${map.east.toFixed(3)}\u00b0 east; the map has ${short(map.least)} to ${short(map.most)} ${visible(map.unit)}. ` +
-      layer.words + "The colours span the 1st to the 99th percentile." + (this.step ? ` Contours of the map every ` +
+      `${map.east.toFixed(3)}\u00b0 east; the map has ${short(map.least)} to ${short(map.most)} ` +
+      `${visible(map.unit)}. ` + layer.words + "The colours span the 1st to the 99th percentile." + (this.step ? ` Contours of the map every ` +
       `${this.step} ${visible(map.unit)}, thicker every ${HEAVY_CONTOUR * this.step} ${visible(map.unit)}.` : "");
   }
 
