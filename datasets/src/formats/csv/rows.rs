@@ -97,8 +97,9 @@ impl CsvRowFault {
         let ragged = |n: usize| of_row(format!("the row has {n} values, but the header has {}", layout.names.len()));
         match &self.what {
             CsvFaultKind::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
-            CsvFaultKind::Cut(n) => ragged(*n)
-                .help(format!("line {line} of the file is cut short: the file ends there without a newline")),
+            CsvFaultKind::Cut(n) => {
+                ragged(*n).help(format!("line {line} of the file is cut short: the file ends there without a newline"))
+            }
             CsvFaultKind::OtherHeader => {
                 let what = "the row looks like another header: the file contains several tables, one after another";
                 of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
