@@ -340,7 +340,7 @@ fn user_a_logger_with_a_clock_in_milliseconds_and_a_fluxgate_in_volts_is_recogni
     let text = stdout(&done(&folder, &["ingest", "--suggest", "logs"]));
     for words in [
         "# The same columns: 1 of 2 other logs.",
-        "# c.csv lacks Mag_nT, and has also nothing",
+        "# c.csv lacks Mag_nT, and also has nothing",
         "time  = { from = \"millis\", unit = \"ms\", clock = \"boot\" }",
         "mag_1_uc = { from = \"Mag_nT\", unit = \"nT\" }",
         "flux_a = { from = [\"FluxX_V\", \"FluxY_V\", \"FluxZ_V\"], unit = \"nT\", scale = 10000.0",

@@ -259,7 +259,7 @@ fn user_distant_points_are_skipped_and_reported() {
     let output = grid(&bench, &["-o", "grid.parquet"]);
     let report = fine(&output);
     let message = stderr(&output);
-    assert!(message.contains("note: 2 points are far from all others and removed"), "{message}");
+    assert!(message.contains("note: 2 points are far from all others and therefore removed"), "{message}");
     assert!(message.contains("points.parquet: row 300, line 1,") && message.contains("row 777, line 3,"), "{message}");
     assert!(message.contains("--keep-outliers"), "{message}");
     assert!(report.contains("removed: 2 far away, 0 not finite"), "{report}");

@@ -304,7 +304,7 @@ fn user_accept_and_the_name_of_the_table_are_checked() {
     bench.spec(&SPEC.replace("\"even\"", "\"quality\""));
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
-    contains(&done.stderr, &["`quality` is the table of data quality"]);
+    contains(&done.stderr, &["`quality` is the name of the table of data quality"]);
 }
 
 #[test]

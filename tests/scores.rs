@@ -403,7 +403,11 @@ fn user_pooled_scores_are_a_table_like_the_others() {
     // The name `scores_pooled` is reserved.
     bench.spec(&SPEC.replace("name  = \"scores\"", "name  = \"scores_pooled\""));
     let taken = bench.magline(&["check", "spec.toml"]);
-    assert!(stderr(&taken).contains("`scores_pooled` is the table of scores pooled over lines"), "{}", stderr(&taken));
+    assert!(
+        stderr(&taken).contains("`scores_pooled` is the name of the table of scores pooled over lines"),
+        "{}",
+        stderr(&taken)
+    );
 }
 
 /// Runs a spec over flights without `columns`; returns the bench, standard output and standard error.

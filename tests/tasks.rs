@@ -282,7 +282,7 @@ fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
     assert!(refused(&lines[0][..lines[0].len() / 2], "the line is truncated").is_empty());
     assert!(refused("{\"event\": \"started\"}", "other JSON").is_empty());
     assert!(refused("even 1 1.01", "not JSON").is_empty());
-    assert!(refused(&changed(&|t| t["task"] = json!(2)), "form 2").is_empty());
+    assert!(refused(&changed(&|t| t["task"] = json!(2)), "the task has format 2").is_empty());
     assert!(task(&bench, "store", b"\xff\xfe\n", &[]).status.code() == Some(2));
     assert_eq!(task(&bench, "store", b"", &[]).status.code(), Some(0), "no task is no fault");
     assert_eq!(task(&bench, "nowhere", lines[0].as_bytes(), &[]).status.code(), Some(2));

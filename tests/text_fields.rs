@@ -224,7 +224,7 @@ fn user_velocities_in_another_unit_than_the_positions_are_rejected() {
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
     let printed = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{printed}");
-    assert!(printed.contains("in ft/s the velocities agree") && printed.contains("\"ve\" = \"ft/s\""), "{printed}");
+    assert!(printed.contains("in ft/s, the velocities agree") && printed.contains("\"ve\" = \"ft/s\""), "{printed}");
 }
 
 #[test]

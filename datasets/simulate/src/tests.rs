@@ -405,7 +405,10 @@ fn gold_lines_that_cannot_be_flown() {
     let low = first(&spec_text("", &SHORT.replace("alt_m = 500.0", "alt_m = 100.0")));
     assert!(low.ends_with("the map's height (500 m) is above the line's height (100 m) (raise `alt_m` of the line to the map's height or above)"), "{low}");
     let away = first(&spec_text("", &SHORT.replace("[-22.05, 140.6]", "[-22.05, 149.6]")));
-    assert!(away.contains("flight A, line A.1: leaves the known map after 0.0 s, at -22.05000, 149.60000"), "{away}");
+    assert!(
+        away.contains("flight A, line A.1: the line leaves the known map after 0.0 s, at -22.05000, 149.60000"),
+        "{away}"
+    );
     let gone = spec_text("", SHORT).replace("osborne_anomaly_100m_at_500m.tif", "gone.tif");
     let gone = Simulation::open(&written(&folder, &gone)).unwrap_err().to_string();
     assert!(gone.contains("gone.tif` does not exist"), "{gone}");

@@ -258,7 +258,7 @@ mod tests {
         let reported = fault_text(" Reported HDZF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
         assert!(reported.contains("`Reported` is HDZF, but the columns are ABCX, ABCY, ABCZ, ABCF"), "{reported}");
         let station = fault_text(" IAGA CODE DEF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
-        assert!(station.contains("the station ABC and the station DEF"), "{station}");
+        assert!(station.contains("the stations ABC and DEF"), "{station}");
         let short = fault_text(DEFINITIVE, "XYZF", "19989 1558 44000");
         assert!(short.contains("there are 3 values instead of 4 in line 8"), "{short}");
     }

@@ -233,7 +233,7 @@ mod tests {
         let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
         assert!(fault_text(&cut).contains("ends after 19 of the 30 lines"));
         let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
-        assert!(fault_text(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
+        assert!(fault_text(&text.replacen(word, "x", 1)).contains("four values each in line 2"));
         assert!(fault_text("hello\n").contains("header of an hour") && fault_text("").contains("no samples"));
         assert!(fault_text(&(text.clone() + &text)).contains("do not ascend"));
     }

@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn gold_legend_of_contours() {
-        assert_eq!(name(25.0, "nT"), "contours every 25 nT, heavy every 125");
-        assert_eq!(name(0.1, "nT"), "contours every 0.1 nT, heavy every 0.5");
+        assert_eq!(name(25.0, "nT"), "contours every 25 nT, heavy lines every 125");
+        assert_eq!(name(0.1, "nT"), "contours every 0.1 nT, heavy lines every 0.5");
     }
 }

@@ -368,7 +368,7 @@ fn unit_undrawable_maps_are_rejected() {
     assert!(what(&backwards, &bare()).contains("columns"));
     let values = anomalies();
     let map = picture(40, 30, &values);
-    assert!(what(&map, &MapStyle { contours: Some(0.0), ..bare() }).contains("every 0"));
+    assert!(what(&map, &MapStyle { contours: Some(0.0), ..bare() }).contains("intervals of 0"));
     assert!(what(&map, &MapStyle { contours: Some(0.01), ..bare() }).contains("lines"));
     let line = TrackLine { name: "t", x: &[1.0], y: &[], colour: None };
     assert!(svg(&map, &bare(), &[line]).unwrap_err().what.contains("`t`"));

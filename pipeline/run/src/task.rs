@@ -278,7 +278,7 @@ mod tests {
         assert!(parse_fault(r#"{"event":"started"}"#).contains("other JSON"));
         assert!(parse_fault("[1, 2]").contains("other JSON") && parse_fault("17").contains("other JSON"));
         assert!(parse_fault("fit 7").contains("not JSON"));
-        assert!(parse_fault(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
+        assert!(parse_fault(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("format 2"));
         assert!(parse_fault(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
         assert!(parse_fault(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
         assert!(parse_fault(&text.replace(&HashKey::from_parts(["a"]).to_string(), "xyz")).contains("not a key"));

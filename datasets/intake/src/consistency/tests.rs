@@ -41,14 +41,14 @@ fn unit_velocities_in_another_unit_are_found_in_short_and_long_lines() {
         }
     }
     let one = faults_of(&steady_flight(900, [1.0, 1.0 / 0.3048, 1.0], 0.3));
-    assert!(one.len() == 1 && one[0].contains("in ft/s `ve` agrees"), "{one:?}");
+    assert!(one.len() == 1 && one[0].contains("in ft/s, `ve` agrees"), "{one:?}");
 }
 
 #[test]
 fn unit_vertical_velocities_in_another_unit_are_found_by_the_heights() {
     for (unit, factor) in [("ft/s", 1.0 / 0.3048), ("ft/min", 60.0 / 0.3048), ("km/h", 3.6)] {
         let found = faults_of(&steady_flight(600, [1.0, 1.0, factor], 0.3));
-        assert!(found.len() == 1 && found[0].contains(&format!("in {unit} `vd` agrees")), "{unit}: {found:?}");
+        assert!(found.len() == 1 && found[0].contains(&format!("in {unit}, `vd` agrees")), "{unit}: {found:?}");
     }
 }
 

@@ -374,7 +374,7 @@ fn gold_faults_of_the_earths_field() {
     assert!(gone.contains("the record of the observatory `") && gone.contains("no.min` does not exist"), "{gone}");
     let through = "[[sources]]\nlat = -22.05\nlon = 140.6\nalt_m = 500.0\nmoment_am2 = 1e6\n";
     let through = try_simulate(&format!("{through}{LINE}")).unwrap_err();
-    assert!(through.contains("line A.1: goes through a source at -22.05000, 140.60000"), "{through}");
+    assert!(through.contains("line A.1: the line goes through a source at -22.05000, 140.60000"), "{through}");
 }
 
 #[test]

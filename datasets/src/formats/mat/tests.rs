@@ -85,7 +85,7 @@ fn unit_a_truncated_file_keeps_its_complete_variables() {
     let (path, bytes) = (folder.path().join("a.mat"), fs::read(log("TestLog2_cut.mat")).unwrap());
     fs::write(&path, &bytes[..bytes.len() - 200]).unwrap();
     let reported = notes(&path, &topic("MAG"));
-    assert!(reported.iter().any(|n| n.contains("is damaged and is skipped: it has ")), "{reported:?}");
+    assert!(reported.iter().any(|n| n.contains("is damaged and is skipped: it is truncated: it has ")), "{reported:?}");
     assert_eq!(read(&path, &topic("MAG")).unwrap(), read(&log("TestLog2_cut.mat"), &topic("MAG")).unwrap());
     let header = &bytes[..100];
     fs::write(&path, header).unwrap();

@@ -72,7 +72,7 @@ fn unit_kml_tracks_are_broken_wrapped_and_timed() {
     let short = EarthTrack { alt_m: &alt[1..], ..track };
     assert!(kml(&map, &look, &[short], "m").is_err());
     let flat = picture(20, 20, &values);
-    assert!(kml(&flat, &look, &[], "m").unwrap_err().what.contains("latitudes"));
+    assert!(kml(&flat, &look, &[], "m").unwrap_err().what.contains("latitude and longitude"));
 }
 
 #[test]

@@ -108,7 +108,7 @@ fn unit_the_variation_equals_the_record_at_its_samples() {
     let night: Vector3<f64> = (421..=600).map(|k| quiet.at(60.0 * f64::from(k)).unwrap()).sum::<Vector3<f64>>() / 180.0;
     assert!(night.norm() < 0.1, "{night}");
     let late = seen.at(86_400.0).unwrap_err();
-    assert_eq!(late, "the record of the observatory BOU has no value at 24:00:00.0 (86400.0 s past midnight)");
+    assert_eq!(late, "the record of the observatory BOU has no value at 24:00:00.0 (86400.0 s past midnight UTC)");
     // A gap: 99999 at 10:05.
     let text = fs::read_to_string(&path).unwrap();
     let row = text.lines().find(|l| l.contains("10:05:00")).unwrap();
