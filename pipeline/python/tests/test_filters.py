@@ -233,7 +233,7 @@ def test_wrong_arguments_name_the_remedy(done: magline.Run, arrays: dict[str, An
         filters.ekf(**{**arrays, "ins_attitude_deg": arrays["ins_attitude_deg"][:, :2]}, core_field=False)
     with pytest.raises(ValueError, match="given twice"):
         filters.ekf(**{**arrays, "columns": {"ins_lat": arrays["ins_lat_deg"]}}, core_field=False)
-    with pytest.raises(ValueError, match="names of its columns"):
+    with pytest.raises(ValueError, match="names of the columns"):
         filters.ekf(**{**arrays, "columns": {"tl": np.zeros((ROWS, 2))}}, core_field=False)
 
 
