@@ -99,7 +99,7 @@ def test_unequal_rows_are_marked_and_have_no_star(visit, view):
     page.locator("#against [data-key=against]").select_option("1")
     page.locator(TABLE).first.wait_for()
     for row in rows(page):
-        assert "★" not in "".join(row) and row[4].startswith("≠") and row[7].startswith("other n")
+        assert "★" not in "".join(row) and row[4].startswith("≠") and row[7].startswith("different n")
         assert "\\u202e" in row[7] and row[6] == "-"
     assert page.locator("#against tr.unequal").count() == 4 and page.locator("#injected").count() == 0
     assert "4 are not on equal rows" in page.locator("#against [role=status]").inner_text()
