@@ -126,6 +126,11 @@ impl<'a> FieldCursor<'a> {
     }
 }
 
+/// Values by columns of `height` values each, row by row.
+pub(super) fn transposed(values: &[f64], height: usize) -> Vec<f64> {
+    (0..height).flat_map(|row| values.iter().skip(row).step_by(height)).copied().collect()
+}
+
 /// The rows of a map from the south, or from the north.
 pub(super) fn rows(map: &AnomalyGrid, north_first: bool) -> impl Iterator<Item = &[f64]> {
     let count = map.y.len;

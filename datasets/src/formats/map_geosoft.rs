@@ -10,7 +10,7 @@ use flate2::read::ZlibDecoder;
 
 use super::{
     FileHead, MapFormat, MapOptions,
-    grid_bytes::{FieldCursor, bytes_of, nodes},
+    grid_bytes::{FieldCursor, bytes_of, nodes, transposed},
     limits::DecodeLimit,
 };
 use crate::{
@@ -177,13 +177,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let data = inflated.as_deref().unwrap_or(stored).get(..needed);
     let data = data.ok_or_else(|| ReadError::data(path, "the file is truncated"))?;
     let numbers = data.chunks_exact(each).map(|bytes| element.number(bytes));
-    let values: Vec<f64> = if is_rows {
-        numbers.collect()
-    } else {
-        let columns: Vec<f64> = numbers.collect();
-        let places = (0..elements).flat_map(|j| (0..vectors).map(move |i| i * elements + j));
-        places.filter_map(|place| columns.get(place).copied()).collect()
-    };
+    let values: Vec<f64> =
+        if is_rows { numbers.collect() } else { transposed(&numbers.collect::<Vec<f64>>(), elements) };
     let [along, across] = header.steps;
     let (steps, counts) =
         if is_rows { ([along, across], [elements, vectors]) } else { ([across, along], [vectors, elements]) };

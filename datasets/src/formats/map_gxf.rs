@@ -8,7 +8,7 @@ use std::{collections::BTreeMap, io::Write, path::Path};
 
 use super::{
     FileHead, MapFormat, MapOptions,
-    grid_bytes::{level_m, nodes, numbers, range, text_of, write_rows},
+    grid_bytes::{level_m, nodes, numbers, range, text_of, transposed, write_rows},
     limits::DecodeLimit,
     map_esri::unused,
     output::MapOutputFiles,
@@ -177,11 +177,6 @@ impl<'a> GxfObjects<'a> {
             None => FileCrs::Projected,
         }
     }
-}
-
-/// Values of columns, row by row.
-fn transposed(values: &[f64], points: usize) -> Vec<f64> {
-    (0..points).flat_map(|i| values.iter().skip(i).step_by(points)).copied().collect()
 }
 
 fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<Vec<f64>, ReadError> {

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use schemas::map::VectorComponent;
 
-use super::MapOptions;
+use super::{MapOptions, grid_bytes::transposed};
 use crate::{
     ReadError,
     grid::{FileAxis, FileCrs, MapDraft},
@@ -35,12 +35,10 @@ pub(super) struct MagnavArray {
 impl MagnavArray {
     /// The array of values that are stored with the longitudes first, as columns of a Julia or MATLAB matrix.
     pub(super) fn by_longitude(shape: Option<[usize; 2]>, stored: Vec<f64>) -> MagnavArray {
-        let Some([n_lon, n_lat]) = shape.filter(|[n_lon, n_lat]| n_lon.checked_mul(*n_lat) == Some(stored.len()))
-        else {
-            return MagnavArray { shape: None, values: stored };
-        };
-        let places = (0..n_lat).flat_map(|j| (0..n_lon).map(move |i| i * n_lat + j));
-        MagnavArray { shape, values: places.filter_map(|place| stored.get(place).copied()).collect() }
+        match shape.filter(|[n_lon, n_lat]| n_lon.checked_mul(*n_lat) == Some(stored.len())) {
+            Some([_, n_lat]) => MagnavArray { shape, values: transposed(&stored, n_lat) },
+            None => MagnavArray { shape: None, values: stored },
+        }
     }
 }
 

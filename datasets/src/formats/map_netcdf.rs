@@ -8,7 +8,7 @@ use netcdf_reader::{NcFile, NcMetadataMode, NcOpenOptions, NcType, NcVariable};
 
 use super::{
     FileHead, MapFormat, MapOptions,
-    grid_bytes::bytes_of,
+    grid_bytes::{bytes_of, transposed},
     guarded, hdf5,
     limits::DecodeLimit,
     map_parquet::{EASTINGS, LATITUDES, LONGITUDES, NORTHINGS},
@@ -312,9 +312,4 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         }
         Ok(draft)
     }
-}
-
-/// Values by columns, row by row; `height` rows.
-fn transposed(values: &[f64], height: usize) -> Vec<f64> {
-    (0..height).flat_map(|j| values.iter().skip(j).step_by(height)).copied().collect()
 }

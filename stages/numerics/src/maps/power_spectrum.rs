@@ -4,10 +4,10 @@
 //! transform F of w x, the density at the wavenumbers (k_e, k_n) is S = d_e d_n |F|² / Σ w². Without a taper, the sum
 //! of S times the spacings 1/(n_e d_e) and 1/(n_n d_n) of the wavenumbers is the variance of the map (Parseval).
 
-use rayon::prelude::*;
-use rustfft::{FftPlanner, num_complex::Complex};
-
-use super::plane_grid::PlaneGrid;
+use super::{
+    continuation::{ContinuationError, MapSpectrum, Padding},
+    plane_grid::PlaneGrid,
+};
 use params::choice;
 
 choice! {
@@ -50,6 +50,9 @@ pub enum MapSpectrumError {
         /// The number of rows.
         rows: usize,
     },
+    /// The map cannot be transformed.
+    #[error(transparent)]
+    Transform(#[from] ContinuationError),
 }
 
 /// Waves of similar wavenumber.
@@ -77,7 +80,8 @@ impl MapPowerSpectrum {
     /// in the corners beyond the two-node wave are included.
     ///
     /// # Errors
-    /// Fails for unknown nodes, and for a map of fewer than four nodes along an axis.
+    /// Fails for unknown nodes, and for a map of fewer than four nodes along an axis. Returns the errors of
+    /// [`MapSpectrum::new`].
     pub fn new(map: &PlaneGrid, taper: MapTaper) -> Result<Self, MapSpectrumError> {
         let (rows, columns) = (map.rows(), map.columns());
         let unknown = map.values.iter().filter(|x| !x.is_finite()).count();
@@ -92,24 +96,23 @@ impl MapPowerSpectrum {
         let weights: f64 = across.iter().sum::<f64>() * along.iter().sum::<f64>();
         let mean = map.values.iter().enumerate().map(|(node, x)| weight(node) * x).sum::<f64>() / weights;
         let square = |of: &[f64]| of.iter().map(|w| w * w).sum::<f64>();
-        let tapered = map.values.iter().enumerate().map(|(node, x)| Complex::new(weight(node) * (x - mean), 0.0));
-        let spectrum = transformed(tapered.collect(), rows, columns);
+        let tapered = map.values.iter().enumerate().map(|(node, x)| weight(node) * (x - mean)).collect();
+        let spectrum = MapSpectrum::new(&map.with(tapered), 0.0, &Padding::none())?;
         let scale = map.east_m.step * map.north_m.step / (square(&across) * square(&along));
         let [east, north] = [1.0 / (columns as f64 * map.east_m.step), 1.0 / (rows as f64 * map.north_m.step)];
         let width = east.max(north);
-        let signed = |i: usize, n: usize| i.min(n - i) as f64;
         let mut sums: Vec<SpectrumRing> = vec![];
-        // The spectrum is transposed: row by row of one easting wavenumber.
-        for (node, value) in spectrum.iter().enumerate().skip(1) {
-            let k = (east * signed(node / rows, columns)).hypot(north * signed(node % rows, rows));
-            let at = (k / width).round() as usize;
+        for (k_rad, power, waves) in spectrum.each_wave().skip(1) {
+            let (k, count) = (k_rad / std::f64::consts::TAU, waves as f64);
+            // A wave between two rings belongs to the upper one, independent of rounding.
+            let at = (k / width + 1e-9).round() as usize;
             if sums.len() <= at {
                 sums.resize(at + 1, SpectrumRing { wavenumber_per_m: 0.0, density: 0.0, waves: 0 });
             }
             let ring = &mut sums[at];
-            ring.wavenumber_per_m += k;
-            ring.density += scale * value.norm_sqr();
-            ring.waves += 1;
+            ring.wavenumber_per_m += count * k;
+            ring.density += count * scale * power;
+            ring.waves += waves;
         }
         let mean = |ring: SpectrumRing| SpectrumRing {
             wavenumber_per_m: ring.wavenumber_per_m / ring.waves as f64,
@@ -124,17 +127,6 @@ impl MapPowerSpectrum {
     pub fn variance(&self) -> f64 {
         self.area_per_m2 * self.rings.iter().map(|ring| ring.waves as f64 * ring.density).sum::<f64>()
     }
-}
-
-/// Two-dimensional transform of values by rows, transposed.
-fn transformed(mut values: Vec<Complex<f64>>, rows: usize, columns: usize) -> Vec<Complex<f64>> {
-    let mut planner = FftPlanner::new();
-    let (along, across) = (planner.plan_fft_forward(columns), planner.plan_fft_forward(rows));
-    values.par_chunks_mut(columns).for_each(|row| along.process(row));
-    let mut turned: Vec<Complex<f64>> =
-        (0..columns).flat_map(|i| values.iter().skip(i).step_by(columns).copied().collect::<Vec<_>>()).collect();
-    turned.par_chunks_mut(rows).for_each(|column| across.process(column));
-    turned
 }
 
 #[cfg(test)]

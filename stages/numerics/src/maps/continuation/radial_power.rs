@@ -44,10 +44,11 @@ impl RadialPower {
         map.values.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = mean);
         let spectrum = MapSpectrum::new(&map, 0.0, &Padding::default())?;
         let mut bins = vec![(0.0, 0.0, 0.0); BINS];
-        let longest = spectrum.each_wave().map(|(k, _)| k).filter(|k| *k > 0.0).fold(f64::INFINITY, f64::min);
-        let shortest = spectrum.each_wave().map(|(k, _)| k).fold(0.0, f64::max);
+        let longest = spectrum.each_wave().map(|(k, ..)| k).filter(|k| *k > 0.0).fold(f64::INFINITY, f64::min);
+        let shortest = spectrum.each_wave().map(|(k, ..)| k).fold(0.0, f64::max);
         let per_bin = (shortest / longest).ln() / BINS as f64;
-        for (k, square) in spectrum.each_wave().filter(|(k, _)| *k > 0.0) {
+        for (k, square, number) in spectrum.each_wave().filter(|(k, ..)| *k > 0.0) {
+            let square = number as f64 * square;
             let at = (((k / longest).ln() / per_bin) as usize).min(BINS - 1);
             bins[at].0 += k * square;
             bins[at].1 += square;

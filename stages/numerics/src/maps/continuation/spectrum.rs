@@ -61,16 +61,16 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::Radial(&factor), &trend)
     }
 
-    /// Magnitude of each wave's wavenumber, in rad/m, and its contribution to the sum of squares, in any unit. Waves
-    /// omitted from the half spectrum are counted with their conjugates.
-    pub(super) fn each_wave(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+    /// Magnitude of each wave's wavenumber, in rad/m, the squared magnitude of its transform, and its number: 2 for a
+    /// wave whose conjugate the half spectrum omits, else 1. The first wave is the mean.
+    pub(crate) fn each_wave(&self) -> impl Iterator<Item = (f64, f64, usize)> + '_ {
         let half = self.transform.half();
         let (rows, columns) = (self.transform.layout.rows.padded, self.transform.layout.columns.padded);
         self.values.chunks_exact(2).enumerate().map(move |(i, wave)| {
             let (row, column) = (i / half, i % half);
             let k = self.transform.k_north(row.min(rows - row)).hypot(self.transform.k_east(column));
-            let both = if column == 0 || 2 * column == columns { 1.0 } else { 2.0 };
-            (k, both * (wave[0] * wave[0] + wave[1] * wave[1]))
+            let number = if column == 0 || 2 * column == columns { 1 } else { 2 };
+            (k, wave[0] * wave[0] + wave[1] * wave[1], number)
         })
     }
 
