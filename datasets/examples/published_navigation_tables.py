@@ -105,13 +105,13 @@ def gnadt_2022_navigation(store: Path) -> None:
     for mag, known in END_TO_END.items():
         at = {"mag": mag, "line": "1007.06"}
         adaptive = d["adaptive_4"] if mag == "mag_4_uc" else d["adaptive_5"]
-        ours = [pooled(d["tl"], sigma=TOLD[SIGMA[mag]], **at), pooled(adaptive, told=TOLD[60.0], **at), None, None,
+        ours = [pooled(d["tl"], sigma=TOLD[SIGMA[mag]], **at), pooled(adaptive, print_tables=TOLD[60.0], **at), None, None,
                 pooled(d["online_boxes"], **at), pooled(d["stinger"], line="1007.06"), pooled(d["alone"], line="1007.06")]
         rows.append([mag[4]] + beside(ours, known))
     heads = ["EKF (here T-L, there 2c)", "adaptive", "adaptive neural", "online 2c", "online T-L", "stinger", "INS alone"]
     show("Gnadt 2022, Table 5.10: line 1007.06; DRMS, m", ["mag"] + with_published(heads), rows)
     at = {"mag": "mag_4_uc", "line": "1007.06"}
-    ours = [pooled(d["tl"], sigma=TOLD[5.0], **at), pooled(d["adaptive_4"], told=TOLD[5.0], **at), None]
+    ours = [pooled(d["tl"], sigma=TOLD[5.0], **at), pooled(d["adaptive_4"], print_tables=TOLD[5.0], **at), None]
     show("Gnadt 2022, section 5.9.4: magnetometer 4, assumed sigma 5 nT; DRMS, m", with_published(["EKF", "adaptive", "adaptive neural"]), [beside(ours, TOLD_WRONG)])
     rows = []
     for name, label in [("alone", "INS alone"), ("stinger", "stinger, EKF, sigma 10 nT")]:
@@ -232,6 +232,6 @@ def lee_2019_calibration(store: Path) -> None:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1] if len(sys.argv) > 1 else "store")
-    for told in [gnadt_2022_navigation, gnadt_2022_second_aircraft, lee_2019, lee_2019_calibration]:
-        if (place / "tables" / told.__name__).is_dir():
-            told(place)
+    for print_tables in [gnadt_2022_navigation, gnadt_2022_second_aircraft, lee_2019, lee_2019_calibration]:
+        if (place / "tables" / print_tables.__name__).is_dir():
+            print_tables(place)

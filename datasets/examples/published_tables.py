@@ -113,6 +113,6 @@ def van_der_meer_2025(store: Path) -> None:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1] if len(sys.argv) > 1 else "store")
-    for name, told in [("gnadt_2022", gnadt_2022), ("van_der_meer_2025", van_der_meer_2025)]:
+    for name, print_tables in [("gnadt_2022", gnadt_2022), ("van_der_meer_2025", van_der_meer_2025)]:
         if (place / "tables" / name).is_dir():
-            told(place)
+            print_tables(place)
