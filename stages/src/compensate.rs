@@ -200,7 +200,7 @@ impl Compensate {
     /// Columns with the parts of the predicted field.
     fn parts_of(&self, line: &LineInput, model: &CompensationModel, field_nt: &[f64]) -> LineOutput {
         let rows = field_nt.len();
-        let parts = model.fitted.parts(&line.inputs[0], rows)?;
+        let parts = model.fitted.parts(&line.inputs[0], field_nt)?;
         let network = field_nt.iter().zip(&parts.linear_nt).map(|(field, linear)| field - linear).collect();
         let component = |k: usize| match parts.vectors_nt.is_empty() {
             true => vec![f64::NAN; rows],

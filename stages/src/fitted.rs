@@ -65,15 +65,16 @@ impl FittedModel {
         predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
     }
 
-    /// Parts of the prediction for a line with `rows` rows, in nT. NaN where a required column is NaN. A linear model
-    /// has only the linear part.
+    /// Parts of the prediction `field_nt` for a line, in nT. NaN where a required column is NaN. A linear model has only
+    /// the linear part.
     ///
     /// # Errors
     /// Fails in the cases of [`FittedModel::predict`].
-    pub fn parts(&self, line: &RecordBatch, rows: usize) -> Result<PredictionParts, Fault> {
+    pub fn parts(&self, line: &RecordBatch, field_nt: &[f64]) -> Result<PredictionParts, Fault> {
         let FittedModelForm::Learned(learned) = &self.body else {
-            return Ok(PredictionParts { linear_nt: self.predict(line, rows)?.field_nt, vectors_nt: vec![] });
+            return Ok(PredictionParts { linear_nt: field_nt.to_vec(), vectors_nt: vec![] });
         };
+        let rows = field_nt.len();
         let inputs = CompleteRows::new(&ModelInputColumns::new(line, self.rate_hz)?, learned, rows)?;
         let parts = learned.prediction_parts(&inputs.x);
         let vectors_nt =

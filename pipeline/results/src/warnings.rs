@@ -203,7 +203,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
             "the time stamps of the magnetometer are {by_s:.2} s {what} (standard deviation {sigma_s:.2} s); the filter \
              corrects its own measurements; other stages use the time stamps as they are"
         );
-        add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
+        add(WarningKind::Late, (by_s, limits::lag_s(sigma_s), "s"), text);
     }
     if let Some((bias_m, sigma_m)) = facts.height_bias_m() {
         let (by_m, what) = (bias_m.abs(), if bias_m > 0.0 { "above" } else { "below" });
@@ -211,8 +211,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
             "the measured field fits the map at a height {by_m:.0} m {what} the height of the INS (standard deviation \
              {sigma_m:.0} m); the filter corrects its own prediction, but not `alt`"
         );
-        let limit_m = limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
-        add(WarningKind::HeightBias, (by_m, limit_m, "m"), text);
+        add(WarningKind::HeightBias, (by_m, limits::height_bias_m(sigma_m), "m"), text);
     }
     if let Some(share) = row.gated()
         && share > limits::GATED

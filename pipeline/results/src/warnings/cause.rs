@@ -165,15 +165,14 @@ impl<'a> LineFacts<'a> {
 
     /// Lag of the magnetometer and its standard deviation, in seconds, if the lag exceeds its limits.
     pub fn lag_s(&self) -> Option<(f64, f64)> {
-        let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s);
+        let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::lag_s(*sigma_s);
         self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
     }
 
     /// Bias between the height of the INS and the height on the map, and its standard deviation, in metres, if the bias
     /// exceeds its limits.
     pub fn height_bias_m(&self) -> Option<(f64, f64)> {
-        let exceeds =
-            |(bias_m, sigma_m): &(f64, f64)| bias_m.abs() > limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
+        let exceeds = |(bias_m, sigma_m): &(f64, f64)| bias_m.abs() > limits::height_bias_m(*sigma_m);
         self.settings.as_ref().and_then(|s| s.height_bias_m).filter(exceeds)
     }
 

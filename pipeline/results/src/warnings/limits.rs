@@ -9,20 +9,26 @@
 /// aircraft at 1.6; at 1.07 over the Osborne map it converges.
 pub const WIDE_START: f64 = 1.5;
 
-/// Limits of the lag of the magnetometer: in s, and in standard deviations of its estimate.
-pub const LAG_S: f64 = 0.05;
-/// See [`LAG_S`] and [`HEIGHT_BIAS_M`].
-pub const LAG_SIGMAS: f64 = 4.0;
+/// Number of standard deviations of its estimate that a flagged lag or height bias exceeds.
+const CONSTANT_SIGMAS: f64 = 4.0;
+
+/// Limit of the lag of the magnetometer, in seconds, for a standard deviation of its estimate.
+pub fn lag_s(sigma_s: f64) -> f64 {
+    const LEAST_S: f64 = 0.05;
+    LEAST_S.max(CONSTANT_SIGMAS * sigma_s)
+}
 
 /// Maximum share of measurements that the gate rejects. On 252 simulated lines of two aircraft with default settings,
 /// the share is at most 0.05 on lines where the filter keeps the position, and 0.08 to 0.38 on the four lines where a
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
 
-/// Limit of the bias between the height of the INS and the height on the map, in metres. A flagged bias also exceeds
-/// [`LAG_SIGMAS`] standard deviations of its estimate. The weather changes the height of a barometer by less within an
-/// hour.
-pub const HEIGHT_BIAS_M: f64 = 10.0;
+/// Limit of the bias between the height of the INS and the height on the map, in metres, for a standard deviation of its
+/// estimate. The weather changes the height of a barometer by less than the smallest limit within an hour.
+pub fn height_bias_m(sigma_m: f64) -> f64 {
+    const LEAST_M: f64 = 10.0;
+    LEAST_M.max(CONSTANT_SIGMAS * sigma_m)
+}
 
 /// Number of standard errors by which a retention must be below its limit.
 pub const RETENTION_ERRORS: f64 = 2.0;

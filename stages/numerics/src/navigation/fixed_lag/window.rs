@@ -272,8 +272,7 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Squared distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted`
-    /// is used.
+    /// Squared distance, and cost of the residuals in `counted`, which replace residuals where the field is unknown.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
