@@ -74,8 +74,7 @@ impl BallistaEngine {
         limits: DispatchLimits,
         waits: impl FnOnce(&str),
     ) -> Result<BallistaEngine, Fault> {
-        await_scheduler(authority, trust, Some(limits.patience), waits)?;
-        let scheduler = SchedulerClient::at(authority, trust)?;
+        let scheduler = await_scheduler(authority, trust, Some(limits.patience), waits)?;
         let seen = scheduler.look().map_err(|why| why.fault(authority))?;
         Ok(BallistaEngine { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
     }
@@ -95,7 +94,7 @@ impl TaskEngine for BallistaEngine {
     }
 }
 
-/// Waits until a scheduler of this version answers, at most for `patience`. Calls `waits` once if no scheduler answers
+/// Waits until a scheduler of this version answers, at most for `patience`, and returns its client. Calls `waits` once if no scheduler answers
 /// at first.
 ///
 /// # Errors
@@ -105,13 +104,13 @@ pub fn await_scheduler(
     trust: &ClusterTrust,
     patience: Option<Duration>,
     waits: impl FnOnce(&str),
-) -> Result<(), Fault> {
+) -> Result<SchedulerClient, Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
     let scheduler = SchedulerClient::at(authority, trust)?;
     let (begun, mut waits) = (ObservationTimer::now(), Some(waits));
     loop {
         match scheduler.name() {
-            Ok(_) => return Ok(()),
+            Ok(_) => return Ok(scheduler),
             Err(SchedulerFault::Silent(why)) if !patience.is_some_and(|most| begun.longer_than(most)) => {
                 waits.take().into_iter().for_each(|waits| waits(&why));
                 std::thread::sleep(AGAIN_AFTER);

@@ -147,7 +147,8 @@ impl StoreView {
         let (west, east) = ends(grid.lon().first_deg(), grid.lon().last_deg(), grid.lon().step_deg());
         let bytes: Vec<u8> = raster.values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Ok(json!({
-            "table": name, "band": band.name(), "has_error": has_error, "unit": unit, "width": raster.size.0, "height": raster.size.1, "west": west, "east": east,
+            "table": name, "band": band.name(), "has_error": has_error, "unit": unit,
+            "width": raster.size.0, "height": raster.size.1, "west": west, "east": east,
             "south": south, "north": north, "least": raster.range.0, "most": raster.range.1,
             "of": [grid.lon().len(), grid.lat().len()],
             "thinned": raster.size != (grid.lon().len(), grid.lat().len()), "values": BASE64_STANDARD.encode(bytes),

@@ -114,8 +114,8 @@ function mapLayer(map, kind, error) {
   if (kind === "gradient") {
     const { east, north } = cellMetres(map, Math.floor(map.height / 2));
     return { kind, unit: `${map.unit}/km`, cells: gradientCells(mapSlopes(map)), light: null, words: "Magnitude of " +
-      `the horizontal gradient, by central differences between drawn cells of ${short(east)} m east by ${short(north)} m ` +
-      "north. " };
+      `the horizontal gradient, by central differences between drawn cells of ${short(east)} m east by ` +
+      `${short(north)} m north. ` };
   }
   return { kind: "map", unit: map.unit, cells: map.cells, light: null, words: "" };
 }

@@ -153,8 +153,9 @@ class MapPicture {
       (map.thinned ? `, drawn as ${map.width} \u00d7 ${map.height} means` : "") +
       `, ${map.south.toFixed(3)}\u00b0 to ${map.north.toFixed(3)}\u00b0 north, ${map.west.toFixed(3)}\u00b0 to ` +
       `${map.east.toFixed(3)}\u00b0 east; the map has ${short(map.least)} to ${short(map.most)} ` +
-      `${visible(map.unit)}. ` + layer.words + "The colours span the 1st to the 99th percentile." + (this.step ? ` Contours of the map every ` +
-      `${this.step} ${visible(map.unit)}, thicker every ${HEAVY_CONTOUR * this.step} ${visible(map.unit)}.` : "");
+      `${visible(map.unit)}. ` + layer.words + "The colours span the 1st to the 99th percentile." +
+      (this.step ? ` Contours of the map every ${this.step} ${visible(map.unit)}, thicker every ` +
+        `${HEAVY_CONTOUR * this.step} ${visible(map.unit)}.` : "");
   }
 
   /** Coastlines in the frame. @param {MapImage} map */

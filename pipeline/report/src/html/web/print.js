@@ -34,7 +34,7 @@ class Paper {
       this.restore.push(() => panel.setAttribute("hidden", ""));
     }
     document.documentElement.classList.add("on-paper");
-    this.tell(true);
+    this.notify(true);
     this.fitPlots();
     this.fitWide();
     this.changes.observe(document.body, { childList: true, subtree: true });
@@ -47,12 +47,12 @@ class Paper {
     this.changes.disconnect();
     document.documentElement.classList.remove("on-paper");
     for (const act of this.restore.splice(0)) act();
-    this.tell(false);
+    this.notify(false);
     this.fitPlots();
   }
 
-  /** Tells the tables whether they are printed. @param {boolean} on */
-  tell(on) { document.dispatchEvent(new CustomEvent("magline:print", { detail: on })); }
+  /** Notifies the tables of the medium. @param {boolean} on Whether the page is on paper. */
+  notify(on) { document.dispatchEvent(new CustomEvent("magline:print", { detail: on })); }
 
   /** Draws the plots of panels again, since a hidden panel has no width. */
   fitPlots() {
