@@ -35,6 +35,7 @@ pub use declare::{
     VectorSensorKeys,
 };
 use document::{MappingDocument, TableDecl};
+use rows::RepeatedRows;
 
 use super::log_reader::LogReader;
 
@@ -240,8 +241,9 @@ impl MappingTable {
         let decl = self.decl().ok_or_else(|| ReadError::options(path, "the mapping has no such table"))?;
         let raw = self.raw_options(options);
         let mut log = self.open_once(path, (options, &raw), reading, formats)?;
-        if decl.head.value.drop_repeated {
-            // The number of dropped rows is known after all rows are read, but is reported before.
+        let repeated_rows = repeated_rows(decl).map_err(|fault| self.mapping.wrong(vec![fault]))?;
+        if repeated_rows != RepeatedRows::Keep {
+            // The number of these rows is known after all rows are read, but is reported before.
             let (_, rows) = self.rows(path, (options, &raw), reading, formats)?;
             let count = rows.repeated();
             for part in rows {
@@ -252,8 +254,15 @@ impl MappingTable {
             let repeated = *count.lock().unwrap_or_else(PoisonError::into_inner);
             if repeated > 0 {
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                log.notes
-                    .push(format!("{name}: `{}` drops {repeated} rows with the time of the previous row", decl.name));
+                log.notes.push(match repeated_rows {
+                    RepeatedRows::AtRate(rate_hz) => format!(
+                        "{name}: `{}` has {repeated} rows with the time of the previous row; they follow it at {rate_hz} Hz",
+                        decl.name
+                    ),
+                    RepeatedRows::Drop | RepeatedRows::Keep => {
+                        format!("{name}: `{}` drops {repeated} rows with the time of the previous row", decl.name)
+                    }
+                });
             }
         }
         Ok(log)
@@ -306,8 +315,25 @@ impl MappingTable {
             made_from: reader.made_from(),
             parts: Box::new(std::iter::empty()),
         };
-        let drop = decl.head.value.drop_repeated;
-        Ok((log, rows::MappingReader::new(reader, bound, self.mapping.clone(), path.to_owned(), drop)))
+        let repeated = repeated_rows(decl).map_err(|fault| self.mapping.wrong(vec![fault]))?;
+        Ok((log, rows::MappingReader::new(reader, bound, self.mapping.clone(), path.to_owned(), repeated)))
+    }
+}
+
+/// Treatment of rows of a table with the time of the previous row.
+///
+/// # Errors
+/// Fails for a table that both drops and moves them.
+fn repeated_rows(decl: &TableDecl) -> Result<RepeatedRows, Fault> {
+    let keys = &decl.head.value;
+    match (keys.drop_repeated, keys.repeated_rate_hz) {
+        (true, Some(_)) => {
+            let what = "`drop_repeated` drops the rows to which `repeated_rate_hz` gives a time";
+            Err(Fault::new(what).help("remove one of the two keys").at(decl.head.at("repeated_rate_hz")))
+        }
+        (true, None) => Ok(RepeatedRows::Drop),
+        (false, Some(rate_hz)) => Ok(RepeatedRows::AtRate(rate_hz)),
+        (false, None) => Ok(RepeatedRows::Keep),
     }
 }
 

@@ -1,5 +1,7 @@
 //! Log times as days and seconds of UTC, from Unix time, GPS weeks, times of the day and text.
 
+use std::borrow::Cow;
+
 use chrono::{DateTime, Datelike, NaiveDate, NaiveDateTime, NaiveTime, Timelike};
 
 /// Seconds of a day.
@@ -198,9 +200,9 @@ impl TimeTextFormat {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
 
-    /// Parses the time in a string.
+    /// Parses the time in a string. ISO 8601 permits a comma before the fraction of a second; so do all formats here.
     pub fn read(&self, text: &str) -> Option<TimeText> {
-        let text = text.trim();
+        let text = &*with_point(text.trim());
         match self {
             TimeTextFormat::Iso => {
                 let zoned = DateTime::parse_from_rfc3339(text).is_ok() || text.ends_with(['Z', 'z']);
@@ -250,6 +252,19 @@ pub fn padded(x: f64, digits: usize) -> String {
     let text = schemas::canonical::identifier(x);
     let whole = text.split_once('.').map_or(text.len(), |(whole, _)| whole.len());
     if x < 0.0 { text } else { "0".repeat(digits.saturating_sub(whole)) + &text }
+}
+
+/// A text with a point instead of a comma between the seconds and their fraction.
+fn with_point(text: &str) -> Cow<'_, str> {
+    let bytes = text.as_bytes();
+    let digit = |at: usize| bytes.get(at).is_some_and(u8::is_ascii_digit);
+    let ends_seconds = |at: &usize| {
+        *at >= 3 && bytes[*at] == b',' && bytes[*at - 3] == b':' && digit(*at - 2) && digit(*at - 1) && digit(*at + 1)
+    };
+    match (0..bytes.len()).find(ends_seconds) {
+        Some(at) => Cow::Owned([&text[..at], ".", &text[at + 1..]].concat()),
+        None => Cow::Borrowed(text),
+    }
 }
 
 /// Parses ISO 8601 with a `T` or a space. A time without an offset is not shifted.
@@ -354,6 +369,8 @@ mod tests {
         for (format, text) in [
             (None, "2021-04-21T12:00:00.25"),
             (None, "2021-04-21 12:00:00.25"),
+            (None, "2021-04-21T12:00:00,25"),
+            (Some("%d/%m/%Y %H:%M:%S%.f"), "21/04/2021 12:00:00,25"),
             (Some("%d/%m/%Y %H:%M:%S%.f"), "21/04/2021 12:00:00.25"),
             (Some("%y%j %I:%M:%S%.f %p"), "21111 12:00:00.25 PM"),
         ] {

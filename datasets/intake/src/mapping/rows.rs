@@ -17,23 +17,34 @@ use super::{
     time::{RowTimes, TimeParseError},
 };
 
+/// Treatment of rows with the time of the previous row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RepeatedRows {
+    /// Their time remains.
+    Keep,
+    /// They are dropped.
+    Drop,
+    /// They follow the first row of that time at this rate, in Hz.
+    AtRate(f64),
+}
+
 /// Reader of a file through a table of a mapping.
 pub struct MappingReader {
     reader: FlightReader,
     bound: MappingBinding,
     mapping: Arc<Mapping>,
     path: PathBuf,
-    drop_repeated: bool,
+    repeated_rows: RepeatedRows,
     /// Rows of the file before the next batch.
     row: u64,
     /// The current line, and the day of its first sample.
     line: Option<(String, String)>,
     day: i64,
-    /// The last time of the line.
-    last_tt: f64,
+    /// The last time of the line, and the number of rows that repeat it.
+    last_tt: (f64, u32),
     /// Faults of dropped rows, reported at the next kept row.
     waiting: Vec<ReadError>,
-    /// Number of dropped rows, which repeat the time of the previous row.
+    /// Number of rows that repeat the time of the previous row and are dropped or moved.
     repeated: Arc<Mutex<u64>>,
     done: bool,
 }
@@ -45,25 +56,25 @@ impl MappingReader {
         bound: MappingBinding,
         mapping: Arc<Mapping>,
         path: PathBuf,
-        drop_repeated: bool,
+        repeated_rows: RepeatedRows,
     ) -> MappingReader {
         MappingReader {
             reader,
             bound,
             mapping,
             path,
-            drop_repeated,
+            repeated_rows,
             row: 0,
             line: None,
             day: 0,
-            last_tt: f64::NAN,
+            last_tt: (f64::NAN, 0),
             waiting: vec![],
             repeated: Arc::default(),
             done: false,
         }
     }
 
-    /// Number of rows dropped so far because they repeat the time of the previous row.
+    /// Number of rows so far that repeat the time of the previous row, if they are dropped or moved.
     pub fn repeated(&self) -> Arc<Mutex<u64>> {
         self.repeated.clone()
     }
@@ -130,8 +141,8 @@ impl MappingReader {
         placed
     }
 
-    /// Seconds past the midnight of the first sample of each line, the date of each sample, and the rows that repeat
-    /// the time of the previous row.
+    /// Seconds past the midnight of the first sample of each line, the date of each sample, and the rows that are
+    /// dropped because they repeat the time of the previous row.
     fn times(
         &mut self,
         times: &RowTimes,
@@ -140,7 +151,7 @@ impl MappingReader {
     ) -> (Vec<f64>, DateColumns, Vec<bool>) {
         let text = |keys: &StringArray, row: usize| if keys.is_null(row) { "" } else { keys.value(row) }.to_owned();
         let mut tt = vec![];
-        let mut repeated = vec![];
+        let (mut repeated, mut moved) = (vec![], 0);
         let (mut years, mut days) = (vec![], vec![]);
         // Cached, because consecutive samples share a day.
         let mut date: (i64, Option<(i64, i64)>) = (i64::MIN, None);
@@ -154,7 +165,7 @@ impl MappingReader {
             };
             if !same {
                 self.line = Some((text(flights, row), text(lines, row)));
-                self.last_tt = f64::NAN;
+                self.last_tt = (f64::NAN, 0);
                 self.day = at.map_or(i64::MIN, |i| i.day);
             } else if self.day == i64::MIN {
                 self.day = at.map_or(i64::MIN, |i| i.day);
@@ -163,11 +174,20 @@ impl MappingReader {
                 RowTimes::Undated(all) => all.get(row).copied().unwrap_or(f64::NAN),
                 RowTimes::Dated(_) => at.map_or(f64::NAN, |i| i.seconds_since(self.day)),
             };
-            repeated.push(self.drop_repeated && time == self.last_tt);
-            if time.is_finite() {
-                self.last_tt = time;
+            let repeats = time == self.last_tt.0;
+            repeated.push(self.repeated_rows == RepeatedRows::Drop && repeats);
+            if repeats {
+                self.last_tt.1 += 1;
+            } else if time.is_finite() {
+                self.last_tt = (time, 0);
             }
-            tt.push(time);
+            match self.repeated_rows {
+                RepeatedRows::AtRate(rate_hz) if repeats => {
+                    moved += 1;
+                    tt.push(time + f64::from(self.last_tt.1) / rate_hz);
+                }
+                RepeatedRows::AtRate(_) | RepeatedRows::Keep | RepeatedRows::Drop => tt.push(time),
+            }
             if let RowTimes::Dated(_) = times {
                 if let Some(i) = at.filter(|i| i.day != date.0) {
                     date = (i.day, year_and_day(i.day));
@@ -177,6 +197,7 @@ impl MappingReader {
                 days.push(known.map(|d| d.1));
             }
         }
+        *self.repeated.lock().unwrap_or_else(PoisonError::into_inner) += moved;
         let dates = matches!(times, RowTimes::Dated(_)).then_some((years, days));
         (tt, dates, repeated)
     }

@@ -3,7 +3,10 @@
 
 mod clocks;
 mod columns;
+mod field;
+mod repeats;
 mod sample;
+mod text_clock;
 
 use std::{
     collections::BTreeSet,
@@ -19,6 +22,7 @@ use schemas::one_line;
 
 use clocks::{ClockGuess, clock_of, epoch_of};
 use columns::{ColumnGuess, guesses};
+use repeats::RepeatedTimes;
 use sample::ColumnSample;
 
 /// Topic with a sample of its rows.
@@ -39,6 +43,8 @@ pub struct MappingSuggestion {
     pub text: String,
     /// Columns that it does not use, with the reason if it is known.
     pub unused: Vec<String>,
+    /// Questions about parts with two readings.
+    pub questions: Vec<String>,
 }
 
 /// Maximum number of reasons in the fault of a log without recognised columns.
@@ -155,6 +161,8 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     }
     let single = tables.len() == 1;
     let (mut taken, mut unused): (Vec<String>, Vec<String>) = (vec![], vec![]);
+    let mut questions: Vec<String> = tables.iter().filter_map(|(_, clock, _)| clock.question.clone()).collect();
+    questions.dedup();
     for (topic, clock, found) in &tables {
         let name = table_name(if single && topic.name.is_empty() { "log" } else { &topic.name }, &taken);
         text += &table(&name, topic, clock, found, &mut unused);
@@ -164,7 +172,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
         text += "\n# Omitted:\n";
         rest.iter().for_each(|line| text += &format!("# - {line}\n"));
     }
-    Ok(MappingSuggestion { text, unused })
+    Ok(MappingSuggestion { text, unused, questions })
 }
 
 fn shown(name: &str) -> String {
@@ -188,9 +196,18 @@ fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
     text
 }
 
-/// The column of a key, in upper or lower case.
+/// The column of a key: its own name in upper or lower case, or a common name.
 fn key_column<'a>(topic: &'a TopicSample, key: &str) -> Option<&'a str> {
-    topic.columns.iter().map(|column| column.name.as_str()).find(|name| name.trim().eq_ignore_ascii_case(key))
+    const COMMON: [(&str, [&str; 9]); 2] = [
+        ("line", ["lineno", "linenumber", "lineid", "linename", "profile", "profil", "leg", "transect", "linie"]),
+        ("flight", ["flightno", "flightnumber", "flightid", "flightname", "flt", "fltno", "sortie", "flug", "mission"]),
+    ];
+    let names = || topic.columns.iter().map(|column| column.name.as_str());
+    let common = COMMON.iter().find(|(own, _)| *own == key).map_or(&[][..], |(_, names)| names);
+    let is_common = |column: &&ColumnSample| common.contains(&column.words().concat().as_str());
+    names()
+        .find(|name| name.trim().eq_ignore_ascii_case(key))
+        .or_else(|| topic.columns.iter().find(is_common).map(|column| column.name.as_str()))
 }
 
 fn table(
@@ -205,8 +222,18 @@ fn table(
         text += &format!("topic = {}\n", quoted(&topic.name));
     }
     text += &format!("time  = {}   # {}\n", clock.toml, clock.why);
-    if clock.repeats {
-        text += "drop_repeated = true   # some rows repeat the time of the previous row\n";
+    if let Some(question) = &clock.question {
+        text += &wrapped(&format!("? {question}"));
+    }
+    match clock.repeats {
+        RepeatedTimes::None => {}
+        RepeatedTimes::Some => text += "drop_repeated = true   # some rows repeat the time of the previous row\n",
+        RepeatedTimes::AtRate(rate_hz) => {
+            text += &format!(
+                "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at this \
+                 rate\n"
+            );
+        }
     }
     for (section, vectors) in [("columns", false), ("vectors", true)] {
         let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();

@@ -251,6 +251,16 @@ fn unit_rows_are_dropped_by_condition_and_repeats_counted() {
         "{:?}",
         reader.notes
     );
+    // Rows at 3 Hz with times in whole seconds.
+    let csv = "t,x\n1,10\n2,11\n2,12\n2,13\n3,14\n3,15\n";
+    let moved = table(time, &format!("repeated_rate_hz = 4.0\n{columns}"));
+    let (reader, _folder) = opened(csv, &moved, &FlightOptions::default()).unwrap();
+    assert!(reader.notes.iter().any(|n| n.contains("has 3 rows") && n.contains("at 4 Hz")), "{:?}", reader.notes);
+    let from_start: Vec<f64> = numbers(&rows(csv, &moved).unwrap(), "tt").iter().map(|tt| tt - 43_200.0).collect();
+    assert_eq!(from_start, [1.0, 2.0, 2.25, 2.5, 3.0, 3.25]);
+    let both = table(time, &format!("drop_repeated = true\nrepeated_rate_hz = 4.0\n{columns}"));
+    assert_fault(rows(csv, &both), &["`drop_repeated` drops the rows", "remove one of the two keys"]);
+    let csv = "t,ok,x\n0,1,10\n1,1,11\n1,1,12\n2,0,13\n3,,14\n4,1,15\n";
     // `others = true` keeps the columns that the mapping does not name.
     let out = rows(csv, &table(time, &format!("others = true\n{columns}"))).unwrap();
     assert_eq!(numbers(&out, "ok").len(), 6);

@@ -4,8 +4,8 @@ use datasets::formats::name_of_head;
 use numerics::regression::statistics::median;
 use schemas::convert;
 
-use super::{TopicSample, quoted, sample::ColumnSample};
-use crate::{clock_digits, mapping::clock::TimeTextFormat};
+use super::{TopicSample, quoted, repeats::RepeatedTimes, sample::ColumnSample, text_clock::text_clock};
+use crate::clock_digits;
 
 /// Suggested clock of a table.
 pub struct ClockGuess {
@@ -19,8 +19,12 @@ pub struct ClockGuess {
     unit: &'static str,
     /// Whether it counts from the start of the log.
     boot: bool,
-    /// Whether some rows repeat the time of the previous row.
-    pub repeats: bool,
+    /// Rows that repeat the time of the previous row.
+    pub repeats: RepeatedTimes,
+    /// Times of the rows, in seconds.
+    times_s: Vec<f64>,
+    /// Question about the time, if it has two readings.
+    pub question: Option<String>,
 }
 
 impl ClockGuess {
@@ -45,6 +49,12 @@ const NAMES: [&[&str]; 6] = [
 
 /// The clock of a table: the first column with a common name and increasing values.
 pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let clock = recognised(columns)?;
+    let others: Vec<ColumnSample> = columns.iter().filter(|column| column.name != clock.column).cloned().collect();
+    Some(ClockGuess { repeats: RepeatedTimes::new(&clock.times_s, &others), ..clock })
+}
+
+fn recognised(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let joined = |c: &ColumnSample| c.words().concat();
     if let Some(clock) = of_gps_week(columns).or_else(|| date_and_time(columns)) {
         return Some(clock);
@@ -59,7 +69,7 @@ pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
         }
     }
     // Dates and times as text are recognised under any name.
-    columns.iter().filter(|c| c.text.is_some()).find_map(one).or_else(|| only_even(columns))
+    columns.iter().filter(|c| !c.texts.is_empty()).find_map(one).or_else(|| only_even(columns))
 }
 
 /// The only column of numbers that increases in even steps, under any name. Two such columns are ambiguous.
@@ -80,6 +90,10 @@ fn only_even(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let guess = one(column)?;
     let why = format!("{}; the only column that increases in even steps", guess.why);
     Some(ClockGuess { why, ..guess })
+}
+
+fn has_repeats(times_s: &[f64]) -> bool {
+    times_s.windows(2).any(|pair| pair[1] == pair[0])
 }
 
 /// The column of the GPS week, from 1999 to 2037.
@@ -106,7 +120,7 @@ fn of_gps_week(columns: &[ColumnSample]) -> Option<ClockGuess> {
     };
     let column = columns.iter().filter(|c| c.name != week.name).find(named)?;
     // A GNSS time that is held between fixes is not the time of the samples.
-    let guess = one(column).filter(|guess| guess.boot && !guess.repeats)?;
+    let guess = one(column).filter(|guess| guess.boot && !has_repeats(&guess.times_s))?;
     let (_, last) = column.range()?;
     let seconds = convert(guess.unit, "s").unwrap_or(1.0);
     if last * seconds > 604_800.0 {
@@ -127,45 +141,65 @@ fn of_gps_week(columns: &[ColumnSample]) -> Option<ClockGuess> {
 
 /// The date and the time of day as two columns of text.
 fn date_and_time(columns: &[ColumnSample]) -> Option<ClockGuess> {
-    let of = |name: &str| {
-        let named = |c: &&ColumnSample| c.words().iter().any(|w| w == name) && c.text.is_some();
+    let of = |names: [&str; 2]| {
+        let named = |c: &&ColumnSample| c.words().iter().any(|w| names.contains(&w.as_str())) && !c.texts.is_empty();
         columns.iter().find(named)
     };
-    let (date, time) = (of("date")?, of("time")?);
-    let text = format!("{} {}", date.text.as_ref()?.trim(), time.text.as_ref()?.trim());
-    if date.name == time.name || TimeTextFormat::Iso.read(date.text.as_ref()?.trim()).is_none() {
+    let (date, time) = (of(["date", "datum"])?, of(["time", "zeit"])?);
+    if date.name == time.name {
         return None;
     }
-    TimeTextFormat::Iso.read(&text)?;
+    let joined = |(date, time): (&String, &String)| format!("{date} {time}");
+    let found = text_clock(date, &date.texts.iter().zip(&time.texts).map(joined).collect::<Vec<_>>())?;
+    let format = found.format.map_or(String::new(), |format| format!(", format = {}", quoted(&format)));
     Some(ClockGuess {
-        toml: format!("{{ from = [{}, {}], clock = \"text\" }}", quoted(&date.name), quoted(&time.name)),
+        toml: format!("{{ from = [{}, {}], clock = \"text\"{format} }}", quoted(&date.name), quoted(&time.name)),
         why: "date and time as text, taken as UTC; if they are local times, add `zone = \"+02:00\"`".to_owned(),
         column: time.name.clone(),
         unit: "s",
         boot: false,
-        repeats: false,
+        repeats: RepeatedTimes::None,
+        times_s: found.times_s,
+        question: found.question,
+    })
+}
+
+/// A column of times as text.
+fn of_text(column: &ColumnSample) -> Option<ClockGuess> {
+    let found = text_clock(column, &column.texts)?;
+    let (name, example) = (quoted(&column.name), quoted(column.texts.first()?));
+    let (format, why) = match &found.format {
+        None => (
+            String::new(),
+            format!("ISO 8601 text, such as {example}; UTC unless the text has an offset; for local times, add `zone`"),
+        ),
+        Some(format) => {
+            let what =
+                if found.dated { "taken as UTC" } else { "time of day, taken as UTC; the date is unknown: add `date`" };
+            (
+                format!(", format = {}", quoted(format)),
+                format!("guess: text such as {example}, {what}; for local times, add `zone`"),
+            )
+        }
+    };
+    Some(ClockGuess {
+        toml: format!("{{ from = {name}, clock = \"text\"{format} }}"),
+        why,
+        column: column.name.clone(),
+        unit: "s",
+        boot: false,
+        repeats: RepeatedTimes::None,
+        times_s: found.times_s,
+        question: found.question,
     })
 }
 
 fn one(column: &ColumnSample) -> Option<ClockGuess> {
-    if let Some(text) = &column.text {
-        // Other text formats are not guessed, because day and month cannot be distinguished.
-        TimeTextFormat::Iso.read(text)?;
-        return Some(ClockGuess {
-            toml: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
-            why: format!(
-                "ISO 8601 text, such as {}; UTC unless the text has an offset; for local times, add `zone`",
-                quoted(text)
-            ),
-            column: column.name.clone(),
-            unit: "s",
-            boot: false,
-            repeats: false,
-        });
+    if !column.texts.is_empty() {
+        return of_text(column);
     }
     let known: Vec<f64> = column.known().collect();
     let (first, last) = (known.first().copied()?, known.last().copied()?);
-    let repeats = known.windows(2).any(|w| w[1] == w[0]);
     if clock_digits::minute_after(&known).is_some() {
         return Some(ClockGuess {
             toml: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
@@ -173,7 +207,9 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
             column: column.name.clone(),
             unit: "s",
             boot: false,
-            repeats,
+            repeats: RepeatedTimes::None,
+            times_s: known,
+            question: None,
         });
     }
     let falls = known.windows(2).any(|w| w[1] < w[0]);
@@ -200,7 +236,9 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
         column: column.name.clone(),
         unit,
         boot: clock == "boot",
-        repeats,
+        repeats: RepeatedTimes::None,
+        times_s: column.values.iter().map(|x| x * seconds).collect(),
+        question: None,
     })
 }
 

@@ -3,9 +3,9 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use datasets::formats::{name_of_head, unit_of_name};
-use schemas::{convert, flight, is_unit, one_line, plausible::limits, usual_spelling};
+use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
 
-use super::{TopicSample, quoted, sample::ColumnSample};
+use super::{TopicSample, field, quoted, sample::ColumnSample};
 
 /// Suggested mapping of a column, or of a vector with three components.
 pub struct ColumnGuess {
@@ -39,6 +39,11 @@ impl ColumnGuess {
     }
 }
 
+/// Words for latitude, longitude and height, also in German, French and Spanish.
+const LATITUDE: [&str; 4] = ["lat", "latitude", "breite", "latitud"];
+const LONGITUDE: [&str; 7] = ["lon", "lng", "long", "longitude", "länge", "laenge", "longitud"];
+const HEIGHT: [&str; 7] = ["alt", "altitude", "height", "höhe", "hoehe", "hauteur", "altura"];
+
 /// The recognised and nearly recognised columns of a table. `letters` are the unused names of vector magnetometers.
 pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) -> Vec<ColumnGuess> {
     let mut out: Vec<ColumnGuess> = vec![];
@@ -71,11 +76,16 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
     out
 }
 
-/// A scalar magnetometer under an unused number: a second sensor is `mag_2_uc`.
+/// A scalar magnetometer under an unused number: a second sensor is `mag_2_uc`, its compensated reading `mag_2_c`.
 fn numbered(mut guess: ColumnGuess, taken: &[ColumnGuess]) -> ColumnGuess {
     let is_taken = |name: &str| taken.iter().any(|g| g.is_used() && g.ours == name);
-    if guess.is_used() && flight::is_scalar_reading(&guess.ours) && is_taken(&guess.ours) {
-        let free = (1..).map(|n| format!("mag_{n}_uc")).find(|name| !is_taken(name));
+    let suffix = match guess.ours.as_str() {
+        name if flight::is_scalar_reading(name) => "uc",
+        name if flight::is_compensated(name) => "c",
+        _ => return guess,
+    };
+    if guess.is_used() && is_taken(&guess.ours) {
+        let free = (1..).map(|n| format!("mag_{n}_{suffix}")).find(|name| !is_taken(name));
         guess.ours = free.unwrap_or(guess.ours);
     }
     guess
@@ -83,7 +93,7 @@ fn numbered(mut guess: ColumnGuess, taken: &[ColumnGuess]) -> ColumnGuess {
 
 /// Three columns whose names differ only in x, y, z or 0, 1, 2, with their common words.
 fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
-    let mut out = vec![];
+    let mut out: Vec<([&ColumnSample; 3], Vec<String>)> = vec![];
     for x in &topic.columns {
         let words = x.words();
         for letters in [["x", "y", "z"], ["0", "1", "2"]] {
@@ -103,7 +113,29 @@ fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
             }
         }
     }
+    let letters = topic.columns.iter().filter_map(|x| by_letter(topic, x));
+    for (axes, words) in letters.collect::<Vec<_>>() {
+        if !out.iter().any(|(others, _)| others.iter().any(|other| axes.iter().any(|c| c.name == other.name))) {
+            out.push((axes, words));
+        }
+    }
     out
+}
+
+/// Three columns whose names differ only in a letter x, y, z within a word, such as `Bx`, `By`, `Bz`.
+fn by_letter<'a>(topic: &'a TopicSample, x: &'a ColumnSample) -> Option<([&'a ColumnSample; 3], Vec<String>)> {
+    let name: Vec<char> = x.name.to_lowercase().chars().collect();
+    let places = name.iter().enumerate().filter(|(_, letter)| **letter == 'x').map(|(at, _)| at).rev();
+    let with = |at: usize, letter: char| {
+        let other: String = name.iter().enumerate().map(|(i, own)| if i == at { letter } else { *own }).collect();
+        topic.columns.iter().find(|c| c.name.to_lowercase() == other && !c.values.is_empty())
+    };
+    let [y, z] = places.clone().find_map(|at| Some([with(at, 'y')?, with(at, 'z')?]))?;
+    let words = x.words().into_iter().map(|word| match word.strip_suffix('x').or_else(|| word.strip_prefix('x')) {
+        Some(rest) => rest.to_owned(),
+        None => word,
+    });
+    Some(([x, y, z], words.filter(|word| !word.is_empty()).collect()))
 }
 
 /// Quaternions: four columns `q[0]` to `q[3]`, or `q0` to `q3`, of length 1.
@@ -118,22 +150,12 @@ pub fn quaternions(topic: &TopicSample) -> Vec<[&str; 4]> {
     if unit && rows.len() > 0 { vec![[&a.name, &b.name, &c.name, &d.name]] } else { vec![] }
 }
 
-fn has(words: &[String], any: &[&str]) -> bool {
+pub(super) fn has(words: &[String], any: &[&str]) -> bool {
     words.iter().any(|w| any.contains(&w.as_str()))
 }
 
-/// Units of the earth's field, with their values in nT.
-const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
-
-fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
-    let [x, y, z] = axes;
-    let rows = x.values.iter().zip(&y.values).zip(&z.values);
-    let values = rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt()).collect();
-    ColumnSample { name: String::new(), unit: String::new(), text: None, values, whole: false }.median()
-}
-
 /// Unit given by the file or the name of a column, if it converts to `wanted`.
-fn declared_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
+pub(super) fn declared_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
         return Some(column.unit.clone());
     }
@@ -176,47 +198,6 @@ fn can_be(column: &ColumnSample, ours: &str, unit: &str) -> bool {
     limits.holds(low * factor) && limits.holds(high * factor)
 }
 
-/// Magnitudes of an analogue fluxgate in the earth's field, in V.
-const VOLTS: (f64, f64) = (0.15, 12.0);
-/// Usual sensitivities of analogue fluxgates: 10 V at 70, 100, 250, 500 and 1000 uT, in nT per V.
-const SENSITIVITIES: [f64; 5] = [7_000.0, 10_000.0, 25_000.0, 50_000.0, 100_000.0];
-
-/// Sensitivity in nT per V of a fluxgate with the median magnitude `size`, from the reading of a scalar magnetometer,
-/// and the reason; or the reason why it is unknown.
-fn volts(topic: &TopicSample, first: &ColumnSample, size: f64) -> Result<(f64, String), String> {
-    let unit = declared_unit(first, "V").unwrap_or_else(|| "V".to_owned());
-    let volt = convert(&unit, "V").unwrap_or(1.0);
-    let whose = if declared_unit(first, "V").is_some() { "by the names" } else { "by their size" };
-    let field = topic.columns.iter().filter_map(|column| {
-        let guess = scalar(column, topic).filter(|guess| guess.is_used() && flight::is_scalar_reading(&guess.ours))?;
-        let unit = declared_unit(column, "nT").unwrap_or_else(|| "nT".to_owned());
-        Some((guess.theirs.first()?.clone(), column.median()? * convert(&unit, "nT")?))
-    });
-    let field: Vec<(String, f64)> = field.collect();
-    let fits = |nt: &&f64| (15_000.0..100_000.0).contains(&(*nt * size * volt));
-    let Some((name, total_nt)) = field.first() else {
-        let usual: Vec<String> = SENSITIVITIES.iter().filter(fits).map(f64::to_string).collect();
-        return Err(format!(
-            "volts {whose}, with a median magnitude of {size:.4} {unit}; set `scale` in nT per {unit} and \
-             `unit = \"nT\"`; usual values: {}",
-            usual.join(", ")
-        ));
-    };
-    let measured = total_nt / (size * volt);
-    let usual = SENSITIVITIES.into_iter().find(|nt| (measured / nt - 1.0).abs() < 0.15);
-    let scale = usual.unwrap_or_else(|| (measured / 10.0).round() * 10.0) * volt;
-    let kind = if usual.is_some() { "a usual sensitivity" } else { "the ratio of the medians" };
-    Ok((
-        scale,
-        format!(
-            "volts {whose}; {scale} nT per {unit} is {kind}: the median magnitude of {size:.4} {unit} is then {:.0} \
-             nT, and `{}` has {total_nt:.0} nT",
-            scale * size,
-            one_line(name)
-        ),
-    ))
-}
-
 fn vector(
     topic: &TopicSample,
     axes: &[&ColumnSample; 3],
@@ -226,7 +207,7 @@ fn vector(
     let names: Vec<String> = axes.iter().map(|c| quoted(&c.name)).collect();
     let theirs: Vec<String> = axes.iter().map(|c| c.name.clone()).collect();
     let from = format!("from = [{}]", names.join(", "));
-    let size = magnitude(axes)?;
+    let size = field::magnitude(axes)?;
     let left = |why: String| {
         let shown = theirs.join(", ");
         Some(ColumnGuess {
@@ -245,17 +226,34 @@ fn vector(
     if has(words, &["ofs", "offset", "offsets", "mofs", "bias", "var", "innov", "variance", "mo"]) {
         return None;
     }
-    if has(words, &["mag", "magnetometer", "compass", "flux", "fluxgate", "field"]) {
-        let fits = |unit: &&(&str, f64)| (15_000.0..100_000.0).contains(&(size * unit.1));
-        let (unit, why) = match declared_unit(first, "nT") {
-            Some(unit) => (unit, "its unit is in the file".to_owned()),
-            None => match FIELD.iter().find(fits) {
+    let named = field::is_named(words);
+    let like = if named { None } else { field::field_like(topic, axes, words, size) };
+    if named || like.is_some() {
+        let fits = |unit: &&(&str, f64)| field::EARTH.contains(&(size * unit.1));
+        let declared = declared_unit(first, "nT");
+        let wrong =
+            declared.as_ref().filter(|unit| !convert(unit, "nT").is_some_and(|nt| field::EARTH.contains(&(size * nt))));
+        let (unit, why) = match (declared.clone(), like) {
+            _ if wrong.is_some() => {
+                let nt = field::FIELD
+                    .iter()
+                    .find(fits)
+                    .map_or(String::new(), |(unit, factor)| format!("; in {unit} it would be {:.0} nT", size * factor));
+                let unit = declared.unwrap_or_default();
+                return left(format!(
+                    "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set its \
+                     `unit`"
+                ));
+            }
+            (Some(unit), _) => (unit, "its unit is in the file".to_owned()),
+            (None, Some((unit, why))) => (unit, why),
+            (None, None) => match field::FIELD.iter().find(fits) {
                 Some((unit, factor)) => (
                     (*unit).to_owned(),
                     format!("in this unit, the median magnitude of {size:.4} is {:.0} nT", size * factor),
                 ),
-                None if declared_unit(first, "V").is_some() || (VOLTS.0..VOLTS.1).contains(&size) => {
-                    return match volts(topic, first, size) {
+                None if declared_unit(first, "V").is_some() || field::VOLTS.contains(&size) => {
+                    return match field::volts(topic, first, size) {
                         Ok((scale, why)) => {
                             let rest = format!(", scale = {scale:?}, axes = \"+x +y +z\"");
                             let ours = format!("flux_{}", letters.next()?);
@@ -311,9 +309,26 @@ fn vector(
     None
 }
 
-fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
+/// The attitude angle of a column, if it is one.
+fn attitude(column: &ColumnSample) -> Option<&'static str> {
+    const NAMES: [(&str, &[&str]); 3] = [("roll", &["roll", "bank"]), ("pitch", &["pitch"]), ("yaw", &["yaw"])];
     let words = column.words();
     let joined = words.concat();
+    let is = |names: &[&str]| {
+        names.contains(&joined.as_str())
+            || (words.len() > 1 && has(&words, names) && declared_unit(column, "deg").is_some())
+    };
+    NAMES.iter().find(|(_, names)| is(names)).map(|(angle, _)| *angle)
+}
+
+/// Largest absolute value of the attitude angles of a table without a declared unit.
+fn largest_angle(topic: &TopicSample) -> f64 {
+    let of = topic.columns.iter().filter(|c| attitude(c).is_some() && declared_unit(c, "deg").is_none());
+    of.map(ColumnSample::largest).fold(0.0, f64::max)
+}
+
+pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
+    let words = column.words();
     let own = name_of_head(&column.name);
     let known = flight::describe(own);
     let topic_words: Vec<String> =
@@ -350,8 +365,8 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     let (low, high) = column.range()?;
     let largest = column.largest();
-    if has(&words, &["lat", "latitude"]) || has(&words, &["lon", "lng", "long", "longitude"]) {
-        let is_lat = has(&words, &["lat", "latitude"]);
+    if has(&words, &LATITUDE) || has(&words, &LONGITUDE) {
+        let is_lat = has(&words, &LATITUDE);
         let ours = match (is_ins, is_lat) {
             (true, true) => "ins_lat",
             (true, false) => "ins_lon",
@@ -376,20 +391,25 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
             None => left("its values are not an angle in a common unit"),
         };
     }
-    let angle = ["roll", "pitch", "yaw"]
-        .into_iter()
-        .find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && declared_unit(column, "deg").is_some()));
+    let angle = attitude(column);
     if let Some(angle) = angle {
         let ours = format!("ins_{angle}");
         return match declared_unit(column, "deg") {
             Some(unit) => made(&ours, &unit, "its unit is in the file; an estimate of the autopilot, not truth"),
-            None if largest > 6.4 => made(
+            // The three angles of a log have one unit.
+            None if largest_angle(topic) > 6.4 => made(
                 &ours,
                 "deg",
-                &format!("values up to {largest:.1} are degrees; an estimate of the autopilot, not truth"),
+                &format!(
+                    "angles up to {:.1} are degrees; an estimate of the autopilot, not truth",
+                    largest_angle(topic)
+                ),
             ),
             None => left(&format!("an angle of at most {largest:.2}, in degrees or radians; set its `unit`")),
         };
+    }
+    if has(&words, &["heading", "hdg"]) {
+        return left("a heading: name it `ins_yaw` if it is relative to true north; set its `unit`");
     }
     if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
         return match declared_unit(column, "m") {
@@ -397,7 +417,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
             None => left("a barometric height in m or ft; set its `unit`"),
         };
     }
-    if has(&words, &["alt", "altitude", "height"]) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
+    if has(&words, &HEIGHT) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
         let unit = declared_unit(column, "m");
         if is_ins {
             return match unit {
@@ -411,22 +431,12 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
             _ => left("a height: name it `alt` if above the ellipsoid, `msl` if above sea level; set its `unit`"),
         };
     }
-    let is_field = has(&words, &["mag", "magnetometer", "tmi", "totalfield"])
-        || (has(&words, &["total"]) && has(&words, &["field"]));
-    let is_part =
-        has(&words, &["x", "y", "z", "lag", "res", "anomaly", "signal", "quality", "status", "valid", "lock"]);
-    // A whole number may be a count, unless its unit is given.
-    if is_field && !is_part && (!column.whole || declared_unit(column, "nT").is_some()) {
-        let median = column.median()?;
-        let unit = declared_unit(column, "nT")
-            .filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
-        let unit = unit.or_else(|| (15_000.0..80_000.0).contains(&median).then(|| "nT".to_owned()));
-        if let Some(unit) = unit {
-            let number = words.iter().find(|w| w.len() < 4 && w.bytes().all(|b| b.is_ascii_digit()));
-            let ours = format!("mag_{}_uc", number.map_or("1", String::as_str));
-            let ours = if known.unit == "nT" { own } else { &ours };
-            return made(ours, &unit, &format!("a median of {median:.1} {unit} is the earth's field"));
-        }
+    if let Some(reading) = field::reading(column) {
+        let (ours, unit, why) = match reading {
+            Ok(reading) => reading,
+            Err(why) => return left(&why),
+        };
+        return made(if known.unit == "nT" { own } else { &ours }, &unit, &why);
     }
     if has(&words, &["curr", "current"]) && !has(&words, &["tot", "total", "average", "filtered"]) {
         let ours = format!("cur_{}", own_word(&words));

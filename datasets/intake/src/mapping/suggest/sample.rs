@@ -8,16 +8,18 @@ use numerics::regression::statistics::median;
 
 /// Maximum number of rows in the sample.
 const ROWS: usize = 200_000;
+/// Maximum number of texts of a column in the sample.
+const TEXTS: usize = 2_000;
 
 /// Column of a file with a sample of its values.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ColumnSample {
     /// Name in the file.
     pub name: String,
     /// The unit that the file gives; empty if the file gives no unit.
     pub unit: String,
-    /// The first value of a text column.
-    pub text: Option<String>,
+    /// The first values of a text column, without empty ones.
+    pub texts: Vec<String>,
     /// Numbers; empty for a column of text.
     pub values: Vec<f64>,
     /// Whether the numbers are whole.
@@ -82,7 +84,7 @@ pub fn samples(reader: &mut FlightReader) -> Result<Vec<ColumnSample>, ReadError
             ColumnSample {
                 name: f.name().clone(),
                 unit: f.metadata().get("unit").cloned().unwrap_or_default(),
-                text: None,
+                texts: vec![],
                 values: vec![],
                 whole: kind.is_integer(),
             }
@@ -111,12 +113,11 @@ fn add(sample: &mut ColumnSample, column: &ArrayRef) {
         if let Ok(numbers) = cast(column, &DataType::Float64) {
             sample.values.extend(numbers.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)));
         }
-    } else if sample.text.is_none()
+    } else if sample.texts.len() < TEXTS
         && let Ok(text) = cast(column, &DataType::Utf8)
     {
-        let text = text.as_string::<i32>();
-        sample.text = (0..text.len())
-            .find(|i| text.is_valid(*i) && !text.value(*i).trim().is_empty())
-            .map(|i| text.value(i).to_owned());
+        let left = TEXTS - sample.texts.len();
+        let known = text.as_string::<i32>().iter().flatten().map(str::trim).filter(|text| !text.is_empty());
+        sample.texts.extend(known.take(left).map(str::to_owned));
     }
 }
