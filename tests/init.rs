@@ -59,6 +59,11 @@ fn csv(head: &str, row: impl Fn(&Sample) -> String) -> String {
     text
 }
 
+/// A time of day on 3 June 2024, with this form of the date.
+fn dated(date: &str, t: f64) -> String {
+    format!("{date} 12:{:02}:{:06.3}", (t / 60.0) as u32, t % 60.0)
+}
+
 /// A time of day on 3 June 2024, in ISO 8601 with a time zone two hours ahead of UTC.
 fn iso(t: f64) -> String {
     let (hours, rest) = (14 + (t / 3600.0) as u32, t % 3600.0);
@@ -91,6 +96,33 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
             }),
         ),
         (
+            "names",
+            csv("stamp,profile,cs_vl_nT,Bx,By,Bz", |s| {
+                let [x, y, z] = s.vector;
+                format!("{},L 7,{:.3},{x:.2},{y:.2},{z:.2}", dated("2024/06/03", s.t), s.scalar)
+            }),
+        ),
+        (
+            "german",
+            csv("Zeit;TMI [nT];fx;fy;fz", |s| {
+                let [x, y, z] = s.vector.map(|b| b / 1e3);
+                format!("{};{:.3};{x:.5};{y:.5};{z:.5}", dated("03.06.2024", s.t), s.scalar).replace('.', ",")
+            })
+            .replace("03,06,2024", "03.06.2024"),
+        ),
+        (
+            "coarse",
+            csv("UTC,mag,Bx,By,Bz", |s| {
+                let [x, y, z] = s.vector;
+                format!(
+                    "2024-06-03 12:{:02}:{:02},{:.3},{x:.2},{y:.2},{z:.2}",
+                    (s.t / 60.0) as u32,
+                    (s.t % 60.0) as u32,
+                    s.scalar
+                )
+            }),
+        ),
+        (
             "canonical",
             csv("tt,mag_1_uc,flux_a_x,flux_a_y,flux_a_z,lat,lon", |s| {
                 let [x, y, z] = s.vector;
@@ -115,6 +147,21 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
         let (before, after) = (values[0], values[1]);
         assert!(before > 5.0 && after < 0.2, "{name}: {before} to {after} nT");
     }
+}
+
+#[test]
+fn user_a_date_with_two_readings_is_a_question() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = csv("time,mag,Bx,By,Bz", |s| {
+        let [x, y, z] = s.vector;
+        format!("{},{:.3},{x:.2},{y:.2},{z:.2}", dated("03/06/2024", s.t), s.scalar)
+    });
+    fs::write(folder.join("log.csv"), text).unwrap();
+    let found = stdout(&magline(folder, &["init", "log.csv"]));
+    assert!(found.contains("2024-06-03 or 2024-03-06"), "{found}");
+    assert!(magline(folder, &["run", "log.toml", "--quiet"]).status.success());
+    assert_eq!(numbers(&read(&folder.join("store/tables/log/even")), "doy")[0], 155.0, "3 June");
 }
 
 #[test]

@@ -60,7 +60,8 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     let source = source(log, &own)?;
     let found = LogFindings::read(log, &source)?;
     let mut map = None;
-    let mut questions = found.questions.clone();
+    let mut questions = source.questions.clone();
+    questions.extend(found.questions.iter().cloned());
     if let Some(path) = maps.first() {
         match read_grid(path, &MapOptions::default()) {
             Ok(_) => map = Some(relative(path, &folder)?),
@@ -175,7 +176,7 @@ fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
     if let Ok(opened) = &opened {
         let names: Vec<&str> = opened.schema.fields().iter().map(|f| f.name().as_str()).collect();
         if canonical(&names) {
-            return Ok(InitSource { builtin: None, mapping: None, own: None, unused: vec![] });
+            return Ok(InitSource { builtin: None, mapping: None, own: None, unused: vec![], questions: vec![] });
         }
     }
     if let Some(best) = fitting(log, &options, flight_formats()).map_err(Fault::from)?.into_iter().next() {
@@ -183,13 +184,24 @@ fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
     }
     let suggestion = suggest::suggest(log, &options, flight_formats()).map_err(Fault::from)?;
     let mapping = Some(parsed(&suggestion.text)?);
-    Ok(InitSource { builtin: None, mapping, own: Some(suggestion.text), unused: suggestion.unused })
+    Ok(InitSource {
+        builtin: None,
+        mapping,
+        own: Some(suggestion.text),
+        unused: suggestion.unused,
+        questions: suggestion.questions,
+    })
 }
 
 /// The source of a log that a built-in mapping fits.
 fn builtin(best: MappingFit, parsed: impl Fn(&str) -> Result<Arc<Mapping>, Fault>) -> Result<InitSource, ExitReason> {
-    let mut source =
-        InitSource { builtin: Some(best.name), mapping: Some(best.mapping.clone()), own: None, unused: vec![] };
+    let mut source = InitSource {
+        builtin: Some(best.name),
+        mapping: Some(best.mapping.clone()),
+        own: None,
+        unused: vec![],
+        questions: vec![],
+    };
     if best.lacks_start {
         let changed = best.mapping.with_epoch("{ unknown = true }")?;
         let head = format!(

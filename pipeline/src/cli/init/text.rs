@@ -20,6 +20,8 @@ pub struct InitSource {
     pub own: Option<String>,
     /// Columns that this mapping does not use.
     pub unused: Vec<String>,
+    /// Questions about the mapping.
+    pub questions: Vec<String>,
 }
 
 /// Contents of a spec.
