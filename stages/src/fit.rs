@@ -73,19 +73,19 @@ use crate::{
 stage! {
     /// Fits a compensation model to all lines that `where` selects, as one data set.
     ///
-    /// One zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
+    /// The same zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
     /// samples are removed at each end of every run. The model is fitted to the remaining samples. Each model below has
     /// its own keys; a key of another model is rejected.
     ///
-    /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The stage `features` computes all other
-    /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` between them. The
-    /// target of the second fit is `mag_c`.
+    /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The `features` stage computes all other
+    /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` stage between them.
+    /// The target of the second fit is `mag_c`.
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
     /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
     /// samples are not predicted from their neighbours. If a whole flight is omitted, they are not predicted from
-    /// effects that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the
-    /// variance (divisor n) of the prediction error. The mean of the prediction error is ignored, because a filter
+    /// effects that last for a whole flight, such as a magnetisation or a temperature. The score of an omitted line is
+    /// the variance (divisor n) of the prediction error. The mean of the prediction error is ignored, because a filter
     /// removes constants and compensation does not determine them. All lines have equal weight. The selected value is
     /// in the column `chosen`.
     ///
@@ -95,15 +95,15 @@ stage! {
     /// term `intercept`.
     ///
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
-    /// terms in bands, because the filter and coloured noise correlate the samples. It includes the ramp of a drifting
-    /// residual from the first to the last sample. The intercept's `std` excludes the effect of a random walk on the
-    /// mean. `std` is null for models other than ridge models. It is also null for 96 or more terms, and a note reports
-    /// this.
+    /// terms in bands, because the filter and coloured noise correlate the samples. It includes the effect of a
+    /// residual that drifts from the first to the last sample. The intercept's `std` excludes the effect of such a
+    /// drift on the mean. `std` is null for models other than ridge models. It is also null for fits with 96 or more
+    /// terms; a note reports this.
     ///
-    /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are converted
-    /// to it on lines with other rates, so all coefficients are valid at this rate. Lagged values cannot be converted
-    /// and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate of that
-    /// table.
+    /// `rate_hz` is the rate of the first line. On lines with other rates, terms that are differences per sample, such
+    /// as `xx_dot`, are converted to this rate. All coefficients are therefore valid at this rate. Lagged values cannot
+    /// be converted and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate
+    /// of that table.
     ///
     /// A filter removes the mean of the target, so the constant part of the aircraft field is not determined.
     ///
@@ -119,26 +119,27 @@ stage! {
     /// unsuitable for the filter, are omitted and listed in the table `failures`.
     ///
     /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change of the
-    /// magnitude by the projection of the aircraft field on the earth's field. It neglects up to b^2/2 of the total
-    /// field, where b is the ratio of the two fields. The bound is computed from the permanent and induced coefficients
-    /// for the worst attitude. It is null if the terms do not determine it, or if the target is not a total field.
+    /// magnitude by the projection of the aircraft field on the earth's field. The error is up to b^2/2 of the total
+    /// field, where b is the aircraft field divided by the earth's field. The bound is computed from the permanent and
+    /// induced coefficients for the worst attitude. It is null if the terms do not determine this bound, or if the
+    /// target is not a total field.
     ///
     /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
     /// frequencies. They are the smallest white noise and first-order Gauss-Markov noise that together bound the Allan
-    /// variance of the unfiltered residual on the lines of the fit. `igrf` and `diurnal` are subtracted from a total
-    /// field if present. Without `igrf` the core field is computed at the INS positions and the line's date. The
-    /// crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height is therefore
-    /// overestimated. A time constant longer than the lines cannot be resolved. The columns are null if the lines are
-    /// shorter than 16 s.
+    /// variance of the unfiltered residual on the lines of the fit. From a residual of the total field, `igrf` and
+    /// `diurnal` are subtracted if present. Without `igrf`, the core field is computed at the INS positions and the
+    /// line's date. The crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height
+    /// is therefore overestimated. A time constant longer than the lines cannot be resolved. The columns are null if
+    /// the lines are shorter than 16 s.
     ///
     /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
     /// starts from its weights instead of random weights, for example from the weights for an aircraft with more flight
-    /// data. Inputs, layers, activation, linear terms and members must be the same. Inputs and target are scaled as in
-    /// that network, because its weights depend on the scales. Its constant is replaced by the constant of the new
-    /// lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network. Coefficients
-    /// that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    /// data. Both fits must have the same inputs, layers, activation, linear terms and members. Inputs and target are
+    /// scaled as in the earlier network, because its weights depend on the scales. The constant is fitted to the new
+    /// lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of the earlier network.
+    /// Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
     ///
-    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
+    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 for `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.
     Fit = "fit", version 5, grain Survey, role FitsModel, inputs [input: Lines, warm_start: Model optional],
     example r#"

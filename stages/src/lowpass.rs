@@ -12,11 +12,11 @@ use crate::{
 };
 
 stage! {
-    /// Removes frequencies above a corner without lag and appends `<column>_lp`.
+    /// Removes frequencies above a corner frequency, without lag, and appends `<column>_lp`.
     ///
-    /// It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
-    /// anti-alias filter before a `resample` to that rate. It then has order 8 and a corner at 0.8 of the new Nyquist
-    /// frequency. At the new Nyquist frequency it attenuates by 31 dB.
+    /// The filter equals `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
+    /// anti-alias filter for a later `resample` to that rate. It then has order 8 and a corner at 0.8 of the new
+    /// Nyquist frequency. Its attenuation at the new Nyquist frequency is 31 dB.
     ///
     /// Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about 1/`corner_hz` seconds of
     /// the ends of a run. Gaps, short runs and uneven samples are treated as in `bandpass`.
