@@ -8,7 +8,7 @@ use super::{
 };
 
 model! {
-    /// Gated recurrent units compute features of a window of samples, and a network predicts the target from these
+    /// Gated recurrent units compute features from a window of samples, and a network predicts the target from these
     /// features. The window ends at the predicted sample. The model can represent delays and hysteresis.
     ///
     /// Source: Cho et al. 2014, in the form of PyTorch; Gnadt 2022, section 5.9.3 (recurrent networks).

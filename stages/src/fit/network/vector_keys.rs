@@ -11,7 +11,7 @@ params! {
     pub struct VectorModelKeys;
     /// Scalar field of the aircraft, computed from its vector.
     coupling: FieldCoupling, unit "", default FieldCoupling::Magnitude;
-    /// `bt_scale_nt` of the stage that computes the terms, for `coupling = "magnitude"`.
+    /// Value of `bt_scale_nt` in the stage that computes the terms, for `coupling = "magnitude"`.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
 }
 
