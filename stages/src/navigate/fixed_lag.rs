@@ -22,18 +22,18 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother over sliding windows that estimates the aircraft field while it navigates. It has the 18 states of
-    /// `ekf`, the coefficients of the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. It can
-    /// start cold with an uncompensated magnetometer: while the INS is accurate to metres at the start of the line, the
-    /// map determines the coefficients.
+    /// A smoother over sliding windows that estimates the aircraft field while it navigates. Its states are the 18
+    /// states of `ekf`, the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the
+    /// magnetometer. It can start cold with an uncompensated magnetometer: while the INS is accurate to metres at the
+    /// start of the line, the map determines the coefficients.
     ///
     /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
-    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows a filter
-    /// continues from the last window; its innovations give `residual` and `nis`, one per `measurement_interval_s`.
+    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows, a filter
+    /// continues from the last window. Its innovations give one `residual` and one `nis` per `measurement_interval_s`.
     /// With `lag_s = 0.0` the track corresponds to real-time navigation.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
-    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters on cabin magnetometers are
+    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters that use cabin magnetometers are
     /// overconfident.
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
@@ -62,7 +62,8 @@ filter! {
     /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constant
     /// coefficients.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
