@@ -16,9 +16,10 @@ stage! {
     /// Resamples a map to another coordinate system or spacing, crops it, or extends it periodically. The operations
     /// run in the order of the parameters.
     ///
-    /// Use it to bring maps onto one grid, or to remove the edges of a continued map. Resampling uses polynomials of
-    /// degree nine, or lower near edges and unknown nodes. A node within two nodes of an unknown node becomes unknown.
-    /// Stages that interpolate a map project positions themselves, so a map need not be converted for them.
+    /// Use `map_convert` to bring maps onto one grid, or to remove the edges of a continued map. Resampling uses
+    /// polynomials of degree nine, and of lower degree near edges and unknown nodes. A node within two nodes of an
+    /// unknown node becomes unknown. Stages that interpolate a map project positions themselves, so a map need not be
+    /// converted for them.
     ///
     /// Bounds outside the map are rejected, and so is the periodic extension of a map that is draped or has gaps.
     MapConvert = "map_convert", version 1, grain Map, inputs [map: Map],
