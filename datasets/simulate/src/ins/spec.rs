@@ -61,7 +61,8 @@ params! {
     gyro_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
     /// Number of realisations that are drawn.
     ensemble: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
-    /// Rank of the realisation that is used, by DRMS over the lines of the flight. Rank 1 has the largest DRMS.
+    /// Rank of the realisation that is used, in order of DRMS over the lines of the flight. Rank 1 has the largest
+    /// DRMS.
     take: Option<usize>, unit "", absent "a tenth of `ensemble`, rounded up", rule Rule::Between(1.0, 10_000.0);
     /// Maximum horizontal position error. A line that exceeds it is rejected, because neither the linear error model
     /// nor the map applies there.

@@ -113,8 +113,8 @@ params! {
     eddy: Option<[[f64; 3]; 3]>, unit "s", absent "drawn with the size `eddy_s`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn eddy matrix.
     eddy_s: Option<f64>, unit "s", absent "0", rule Rule::NotNegative;
-    /// Standard deviation of the change of each component of the permanent field between flights, as caused by the
-    /// shock of a landing. It is drawn for each flight.
+    /// Standard deviation of the change in each component of the permanent field between flights, such as the shock of
+    /// a landing causes. The change is drawn for each flight.
     permanent_shift_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Random walk of each component of the permanent field from the flight's start, nT/√h.
     permanent_walk_nt_per_sqrt_h: f64, unit "nT", default 0.0, rule Rule::NotNegative;
@@ -124,13 +124,13 @@ params! {
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Excess specific force at which wing bending saturates.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
-    /// Remanence of the airframe's iron. Column j is the field after a loop of the earth's field along body axis j
-    /// between ±50,000 nT and back to zero. It is half the width of the hysteresis loop.
+    /// Remanence of the airframe's iron. Column j is the remaining field after the earth's field along body axis j has
+    /// been cycled between ±50,000 nT and returned to zero. It is half the width of the hysteresis loop.
     hysteresis: Option<[[f64; 3]; 3]>, unit "nT", absent "drawn with the size `hysteresis_nt`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field keeps up to 3 % of
     /// the induced field.
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// Field of each current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
+    /// Field of each electric current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
     /// direction is drawn. The field of `wires` is added.
     currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
 }
