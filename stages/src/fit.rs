@@ -154,7 +154,7 @@ lambda = 0.025
 "#;
     /// Compensation model.
     model: ChoiceSelection<FitModelDecl>, unit "";
-    /// Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage `target`.
+    /// Column to which the model is fitted, such as `mag_4_uc`, or `target`, which the `target` stage makes.
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);

@@ -44,7 +44,7 @@ stage! {
     /// These are rejected: a map without a known height, a derivative of a draped map, and a `drape` that is on another
     /// grid or has one height for all nodes.
     ///
-    /// Source: Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward).
+    /// Source: Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward continuation).
     MapContinue = "map_continue", version 1, grain Map, inputs [map: Map, drape: Map optional],
     example r#"
 [[stages]]

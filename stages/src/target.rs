@@ -63,9 +63,9 @@ truth = "mag_1_c"
     /// Column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
     /// Subtracts the core field `igrf` from targets `a`, `c` and `e`.
-    remove_core: Option<bool>, unit "", absent "true, unless it has already been removed";
+    remove_core: Option<bool>, unit "", absent "true, unless the correction has already been applied";
     /// Subtracts the diurnal variation `diurnal` from targets `a`, `c` and `e`.
-    remove_diurnal: Option<bool>, unit "", absent "true, unless it has already been removed";
+    remove_diurnal: Option<bool>, unit "", absent "true, unless the correction has already been applied";
 }
 
 impl Target {

@@ -12,7 +12,7 @@ use super::{
 use crate::trained::{self, LearnedModel};
 
 model! {
-    /// A linear model plus a Gaussian process, both of standardised inputs. The process is approximated by random
+    /// A linear model plus a Gaussian process, both with standardised inputs. The process is approximated by random
     /// Fourier features of a Gaussian kernel. The solution is a ridge regression with the most likely ridge parameter.
     /// The model requires no iterative training and little tuning. The standard deviation of the prediction is larger
     /// where training samples are rare. It includes only the uncertainty of the function, and is too small if errors

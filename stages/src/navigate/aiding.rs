@@ -21,7 +21,7 @@ params! {
     /// without GNSS, which is recovered after ten minutes. A recovery time after the end of the line means that GNSS is
     /// not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
-    /// Columns of the GNSS latitude and longitude (deg) and height above the ellipsoid (m).
+    /// Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid (m).
     gnss: Option<[String; 3]>, unit "",
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Time between successive GNSS positions.
@@ -30,9 +30,9 @@ params! {
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Adds white noise with the standard deviations above to the GNSS positions. This noise is reproducible for each
-    /// line. Without added noise, simulated positions are exact, and the filter appears more accurate than with real
-    /// GNSS.
+    /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. This
+    /// noise is reproducible for each line. Without added noise, simulated positions are exact, and the filter appears
+    /// more accurate than with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns whose role is `truth`";
     /// Tests each GNSS position against the INS position, by a chi-square test of this position and by a cumulative sum
     /// over earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is

@@ -30,7 +30,7 @@ filter! {
     /// The filter `ekf`, with measurement noise estimated from the innovations. Use it for a measurement whose noise is
     /// unknown or changes. With an assumed noise ten times too small or too large, a filter loses more than half of its
     /// accuracy; an adaptive filter loses a few percent. If the noise is known, `ekf` is simpler and as accurate. The
-    /// filter distinguishes noise from map errors only by the bounds on the noise.
+    /// filter cannot separate noise from map errors, so `sigma_min_nt` and `sigma_max_nt` bound its estimate.
     ///
     /// `sigma_adapted` is the assumed measurement noise of the sample. It starts at `measurement_sigma_nt` and is
     /// estimated from the window before the sample. With several magnetometers, each has its column

@@ -35,8 +35,8 @@ filter! {
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
     /// weights then start from this network, and `hidden` and `activation` must be equal to its values. The recursion
-    /// then estimates the covariance of the weights and their later changes. Features that are differences per sample
-    /// are converted to the rate of that fit.
+    /// then estimates later changes in the weights, and the covariance of the weights. Features that are differences
+    /// per sample are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
     /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes

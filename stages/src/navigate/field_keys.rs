@@ -28,8 +28,8 @@ params! {
     /// bilinear interpolation.
     map_interpolation: Option<MapInterpolation>, unit "",
         absent "`cubic` with `tuning = \"auto\"`, else `linear`";
-    /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
-    /// linearly.
+    /// Heights above the ellipsoid, ascending, to which the map is continued. Between these heights the map is
+    /// interpolated linearly.
     map_levels_m: Option<Vec<f64>>, unit "m",
         absent "with `tuning = \"auto\"` the map is continued to the flight heights, otherwise it is used at its own \
             height";

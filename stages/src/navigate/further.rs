@@ -33,8 +33,8 @@ params! {
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
     /// Standard deviation of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
-    /// Standard deviation of the slowly varying error of the difference. One cause is the undetermined constants of two
-    /// calibrations.
+    /// Standard deviation of the slowly varying error of the difference. It can result from the undetermined constants
+    /// of the two calibrations.
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of the slowly varying error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
@@ -71,7 +71,7 @@ params! {
     height_bias_sigma_m: f64, unit "m", default 30.0, rule Rule::NotNegative;
     /// Time constant of the slowly varying height error.
     height_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the map error, which becomes a state correlated along the track.
+    /// Standard deviation of the map error. If set, the error is a state of the filter, correlated along the track.
     map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
     /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
@@ -84,10 +84,10 @@ params! {
         rule Rule::NotNegative;
     /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
     /// Causes are a constant error of the barometer, a missing geoid height, or a wrong map height. If set, the bias is
-    /// a state of the filter and constant along the line. It changes the prediction of the scalar field only, and not
-    /// `alt`. Requires a map that is continued to a range of heights that contains the bias. Set `map_levels_m`, or
-    /// `tuning = "auto"`, which continues the map to twice this value below and above the line. 0 omits this state.
-    /// Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    /// a state of the filter and constant along the line. It changes only the prediction of the total field, not `alt`.
+    /// Requires a map that is continued to a range of heights that contains the bias. Set `map_levels_m`, or `tuning =
+    /// "auto"`, which continues the map to twice this value below and above the line. 0 omits this state. Appends
+    /// `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if the bias is within the levels \
             of the map and clearly increases the likelihood",
@@ -100,7 +100,7 @@ params! {
         absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
             likelihood",
         rule Rule::NotNegative;
-    /// Time constant of the change of the permanent field.
+    /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise the change is constant along the line",
         rule Rule::Positive;

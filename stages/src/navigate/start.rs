@@ -45,9 +45,9 @@ params! {
     /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys are not valid minutes
     /// later.
     start: StartSource, unit "", default StartSource::Auto;
-    /// Columns of the latitude and longitude (deg) and height (m) of the fix. The first values within 2 s of the line's
-    /// start are used. White noise with the fix's standard deviations is added to columns with the role truth. This
-    /// noise is reproducible for each line.
+    /// Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first values within 2 s of the
+    /// line's start are used. White noise with the fix's standard deviations is added to columns with the role truth.
+    /// This noise is reproducible for each line.
     fix: Option<[String; 3]>, unit "",
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Columns of the fix's velocity components: north, east and down.
