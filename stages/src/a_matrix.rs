@@ -40,7 +40,7 @@ vector = "flux_a"
     /// Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`), `derivative`,
     /// `bias`.
     terms: Vec<String>, unit "", default ["permanent", "induced", "eddy"].map(String::from);
-    /// Scalar magnetometer whose reading replaces Bt. This gives the modified model.
+    /// Scalar magnetometer whose reading replaces Bt. This gives the modified Tolles-Lawson model.
     scalar: Option<String>, unit "", absent "the magnitude of `vector`";
     /// Scale s of the induced and eddy terms. A value near the total field gives all terms similar magnitudes.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;

@@ -48,7 +48,7 @@ stage! {
     /// that are set to `"auto"`.
     ///
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
-    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
+    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes that part.
     ///
     /// `parts` appends the parts of the prediction in nT, before `detrend` and before `igrf` and `diurnal` are added.
     /// `part_linear` is the prediction of the linear terms alone. It is the whole prediction of a linear model, and 0

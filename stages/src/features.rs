@@ -42,8 +42,8 @@ stage! {
     /// Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt
     /// 2022, section 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
-    /// Differences and lags are per sample. The column's metadata `per_sample` list them, and `rate_hz` holds the
-    /// sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
+    /// Differences and lags are per sample. The column's metadata entry `per_sample` lists them, and `rate_hz` holds
+    /// the sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
     /// rejects the lags. A column of the table, such as one made by `derivative`, is used unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be

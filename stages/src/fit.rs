@@ -89,14 +89,14 @@ stage! {
     /// removes constants and compensation does not determine them. All lines have equal weight. The selected value is
     /// in the column `chosen`.
     ///
-    /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which serves all
-    /// lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
+    /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which is used for
+    /// all lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
     /// condition number. Coefficients are in the units of the columns, independent of the scaling. The intercept is the
     /// term `intercept`.
     ///
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
-    /// terms in bands, because the filter and coloured noise correlate the samples. It includes the effect of a
-    /// residual that drifts from the first to the last sample. The intercept's `std` excludes the effect of such a
+    /// terms in frequency bands, because the filter and coloured noise correlate the samples. It includes the effect of
+    /// a residual that drifts from the first to the last sample. The intercept's `std` excludes the effect of such a
     /// drift on the mean. `std` is null for models other than ridge models. It is also null for fits with 96 or more
     /// terms; a note reports this.
     ///
@@ -118,7 +118,7 @@ stage! {
     /// earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
     /// unsuitable for the filter, are omitted and listed in the table `failures`.
     ///
-    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change of the
+    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change in
     /// magnitude by the projection of the aircraft field on the earth's field. The error is up to b^2/2 of the total
     /// field, where b is the aircraft field divided by the earth's field. The bound is computed from the permanent and
     /// induced coefficients for the worst attitude. It is null if the terms do not determine this bound, or if the
@@ -160,8 +160,8 @@ lambda = 0.025
     features: Vec<String>, unit "", default ["tl"].map(String::from);
     /// Entries of the lists in `features` to use, in this order. Each is given by its name or by a prefix. A prefix,
     /// such as `TL_A_flux_a`, is the part of a name before a `_`; it selects all names that begin with it. A row must
-    /// be finite in all entries of the lists, selected or not. The lists are factored once for all choices of entries,
-    /// so a sweep over `entries` is fast.
+    /// be finite in all entries of the lists, selected or not. The matrix of all entries is factored only once, so a
+    /// sweep over `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: ModelSelection, unit "", default ModelSelection::Given;
@@ -171,9 +171,9 @@ lambda = 0.025
     /// divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor in partial least squares and whitened components.
     /// Its `StandardScaler` uses the divisor n; the same ridge then requires `lambda` n / (n - 1).
     scaling: Option<Divisor>, unit "", absent "the default of the model";
-    /// Fits to whitened principal components of the features instead of the features. A value of 1 or more is the
-    /// number of components, a value below 1 the fraction of the variance. The table still holds coefficients of the
-    /// features.
+    /// Fits the model to whitened principal components of the features, instead of the features themselves. A value of
+    /// 1 or more is the number of components, a value below 1 the fraction of the variance. The table still holds
+    /// coefficients of the features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
     /// Also fits a constant, without a penalty.
     intercept: Option<bool>, unit "", absent "true with `whiten`, otherwise the default of the model";

@@ -34,8 +34,8 @@ stage! {
     /// The white noise is at least 0.01 nT.
     ///
     /// These are rejected: records without a run of 64 samples, constant records, and lines with different sample
-    /// rates. A record must also last 20 time constants in total and 8 in its longest run. A shorter record does not
-    /// determine the time constant.
+    /// rates. A record must also last at least 20 time constants in total, and at least 8 in its longest run. A shorter
+    /// record does not determine the time constant.
     ///
     /// Source: Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     FogmNoise = "fogm_noise", version 1, grain Survey, inputs [input: Lines],

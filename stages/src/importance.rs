@@ -96,13 +96,13 @@ stage! {
     ///
     /// | `method` | `value` | `spread` |
     /// |---|---|---|
-    /// | `permutation` | increase of the mean square error against `target`, in nT2 | over the repeats |
+    /// | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | over the repeats |
     /// | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
-    /// | `expected_gradients` | mean absolute contribution to the prediction by gradients, in nT | over the samples |
+    /// | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | over the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
     /// | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
-    /// | `morris` | mean absolute change of the prediction over the range of the input, in nT | over the trajectories |
+    /// | `morris` | mean absolute change in the prediction over the range of the input, in nT | over the trajectories |
     /// | `sobol_first` | share of the prediction's variance from the group alone | |
     /// | `sobol_total` | share from the group and all its interactions | |
     ///
@@ -123,8 +123,8 @@ stage! {
     /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
     /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
     /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are
-    /// the bounds of a 95 % interval of a Sobol index, by bootstrap. First-order indices below the total indices
-    /// indicate interactions. The effects of a group of several inputs have no `spread`.
+    /// the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total indices indicate
+    /// interactions. The effect of a group of several inputs has no `spread`.
     ///
     /// To compute the increase in error when an input is dropped and the model is refitted, use a sweep. Its axis holds
     /// all subsets of `entries` or `inputs` of the fit that lack at most one input: `{ subsets_of = [...], at_least = n
@@ -170,7 +170,7 @@ block_s = 1.0
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Number of levels of each input in `morris`, an even number.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
-    /// Number of rows of each of the two random matrices of a Sobol index. The model predicts (groups + 2) times as
+    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (groups + 2) times as
     /// many rows. Errors are proportional to the inverse square root of `points`.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
     /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.

@@ -73,11 +73,11 @@ use crate::{
 stage! {
     /// Corrects an INS by matching the compensated field to an anomaly map with one of the filters below.
     ///
-    /// The states are the errors of the INS (truth minus INS) and the temporal variation. The estimate is INS plus
-    /// state. Each row holds the state a posteriori. `update` gives the outcome for the measurement: `used`; `missing`
-    /// (NaN); `off_map` (predicted position off the map or in a cell with an unknown node); `gated` (outlier); `flat`
-    /// (map too flat to observe the position, `flat_over_m`); `unused` (not needed by the filter). If no measurement is
-    /// used, the filter makes only the time update, and `residual` and `nis` are NaN.
+    /// The states are the errors of the INS (truth minus INS) and the temporal variation. The estimate is the INS value
+    /// plus the state. Each row holds the state a posteriori. `update` gives the outcome for the measurement: `used`;
+    /// `missing` (NaN); `off_map` (predicted position off the map or in a cell with an unknown node); `gated`
+    /// (outlier); `flat` (map too flat to observe the position, `flat_over_m`); `unused` (not needed by the filter). If
+    /// no measurement is used, the filter makes only the time update, and `residual` and `nis` are NaN.
     ///
     /// On a flat map, without a core field, a measurement corrects only the temporal variation. With a core field, its
     /// slope also corrects the position slightly. A NaN in an INS column is rejected, and the error message gives its

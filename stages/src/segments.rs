@@ -46,7 +46,7 @@ attitude = ["heading"]
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
     /// Minimum turn rate of a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
-    /// Minimum change of heading in a turn.
+    /// Minimum change in heading in a turn.
     turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
     /// Shortest straight part.
     least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;

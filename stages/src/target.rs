@@ -30,7 +30,7 @@ choice! {
 stage! {
     /// Appends `target`, one of the five targets of Gnadt 2022 to which models are fitted.
     ///
-    /// | type | target | a model of it predicts |
+    /// | type | target | a model fitted to it predicts |
     /// |---|---|---|
     /// | `a` | truth minus core field and diurnal variation | the anomaly |
     /// | `b` | value of the map | the anomaly |
@@ -43,7 +43,7 @@ stage! {
     /// `map_value` computes.
     ///
     /// The column has the role truth: it may be a target but not a feature. The result is NaN for a sample with a
-    /// missing term. The metadata `removed` list the corrections, so that no later stage repeats them.
+    /// missing term. The metadata entry `removed` lists the corrections, so that no later stage repeats them.
     ///
     /// Source: Gnadt 2022, section 3.7.
     Target = "target", version 2, grain Line, inputs [input: Lines],

@@ -16,7 +16,7 @@ params! {
     /// selects the vectors at the root of a MATLAB file.
     topic: Option<String>, unit "", default None, absent "the only topic of the file";
     /// Canonical name of each column, by its name in the file. If the name in the file contains a unit (`GPS Lat
-    /// (rad)`, `Alt ft`, `Mag_mgauss`), the column takes this unit. A unit that cannot be converted is an error.
+    /// (rad)`, `Alt ft`, `Mag_mgauss`), the column takes this unit. A unit that cannot be converted is rejected.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Unit of each column, by its name in the file. It overrides units in names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();

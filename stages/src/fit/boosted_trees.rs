@@ -32,7 +32,7 @@ model! {
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
-    /// Factor applied to each tree, also called learning rate. Halving it requires twice as many trees.
+    /// Factor applied to each tree, also called the learning rate. Halving it requires twice as many trees.
     shrinkage: f64, unit "1", default 0.1, rule Rule::Between(1e-6, 1.0);
     /// Maximum number of leaves per tree.
     leaves: usize, unit "1", default 31usize, rule Rule::Between(2.0, 65_536.0);

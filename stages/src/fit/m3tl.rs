@@ -20,10 +20,10 @@ model! {
     /// | `projection` | v . B / \|B\| | B / \|B\| |
     ///
     /// The projection equals the linear Tolles-Lawson model. It exceeds the magnitude by about the square of the part
-    /// of v perpendicular to B, divided by 2 \|B\|: 40 nT for 2,000 nT in 50,000 nT. The magnitude is exact if the
-    /// vector magnetometer measures the same aircraft field as the scalar magnetometer. B and dB are computed from the
-    /// Tolles-Lawson terms, which must include all permanent and induced terms, and all eddy terms or none. Other terms
-    /// are ignored.
+    /// of v perpendicular to B, divided by 2 \|B\|: by 40 nT, for example, for 2,000 nT in a field of 50,000 nT. The
+    /// magnitude is exact if the vector magnetometer measures the same aircraft field as the scalar magnetometer. B and
+    /// dB are computed from the Tolles-Lawson terms, which must include all permanent and induced terms, and all eddy
+    /// terms or none. Other terms are ignored.
     ///
     /// Training starts from the ridge fit of the terms. During training, terms are centred and scaled, and decorrelated
     /// if `whiten` is set. The target should be the aircraft field including its constant part, such as `target` with

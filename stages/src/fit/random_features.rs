@@ -34,8 +34,8 @@ model! {
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
     /// Variance of the errors divided by the variance of the process.
     noise_ratio: Option<f64>, unit "1", absent "the most likely value", rule Rule::Positive;
-    /// Stores the matrix factor from which the standard deviation of the prediction is computed. The number of rows for
-    /// this factor is the square of the number of features.
+    /// Stores the matrix factor from which the standard deviation of the prediction is computed. For n features, it
+    /// adds n² rows to the table of the fit.
     sigma: bool, unit "", default true;
     /// Seed of the random features.
     seed: usize, unit "", default 0usize;

@@ -35,7 +35,7 @@ params! {
     /// loop in the cabin causes a few nT per ampere.
     input_sigma_nt: f64, unit "nT", default 20.0, rule Rule::Positive;
     /// Prior standard deviation of each harmonic of the magnetometer's heading error: the first, second and fourth
-    /// harmonic of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
+    /// harmonics of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
     /// `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
     /// Factor on the prior standard deviations from `model`. For one calibration, these are the standard deviations of

@@ -34,9 +34,9 @@ filter! {
     /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
-    /// weights then start from this network, and `hidden` and `activation` must be equal to its values. The recursion
-    /// then estimates later changes in the weights, and the covariance of the weights. Features that are differences
-    /// per sample are converted to the rate of that fit.
+    /// weights then start from this network, and `hidden` and `activation` must equal the values of that fit. The
+    /// recursion then estimates later changes in the weights, and the covariance of the weights. Features that are
+    /// differences per sample are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
     /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes

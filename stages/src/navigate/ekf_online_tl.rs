@@ -43,7 +43,7 @@ filter! {
     flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
     /// Time constant of these biases.
     flux_bias_tau_s: Option<f64>, unit "s", absent "the bias is constant", rule Rule::Positive;
-    /// Field scale of the terms, as in the `a_matrix` that made them.
+    /// Field scale of the terms, as in the `a_matrix` stage that computes them.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",

@@ -27,8 +27,8 @@ filter! {
     /// magnetometer. It can start cold with an uncompensated magnetometer: while the INS is accurate to metres at the
     /// start of the line, the map determines the coefficients.
     ///
-    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
-    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows, a filter
+    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. Each window passes
+    /// the filtered covariance of INS states and coefficients to the next window. Between the ends of windows, a filter
     /// continues from the last window. Its innovations give one `residual` and one `nis` per `measurement_interval_s`.
     /// With `lag_s = 0.0` the track corresponds to real-time navigation.
     ///

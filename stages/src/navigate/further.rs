@@ -83,11 +83,11 @@ params! {
             likelihood",
         rule Rule::NotNegative;
     /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
-    /// Causes are a constant error of the barometer, a missing geoid height, or a wrong map height. If set, the bias is
-    /// a state of the filter and constant along the line. It changes only the prediction of the total field, not `alt`.
-    /// Requires a map that is continued to a range of heights that contains the bias. Set `map_levels_m`, or `tuning =
-    /// "auto"`, which continues the map to twice this value below and above the line. 0 omits this state. Appends
-    /// `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    /// Causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set, the bias
+    /// is a state of the filter and constant along the line. It changes only the prediction of the total field, not
+    /// `alt`. Requires a map that is continued to a range of heights that contains the bias. Set `map_levels_m`, or
+    /// `tuning = "auto"`, which continues the map to twice this value below and above the line. 0 omits this state.
+    /// Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if the bias is within the levels \
             of the map and clearly increases the likelihood",

@@ -32,8 +32,8 @@ filter! {
     /// measurements in a row mean that the particles have lost the aircraft. The line is rejected when most of its
     /// measurements are gated in this way.
     ///
-    /// Biases of further measurements and the map error are linear states of each particle. The weights depend on the
-    /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
+    /// The biases of additional measurements and the map error are linear states of each particle. The weights depend
+    /// on the values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// that is also marginalised over the linear states. The same seed gives bit-identical results on any number of

@@ -30,8 +30,8 @@ filter! {
     /// `smoothing_step` is then the last change of the track.
     ///
     /// A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per sample (2.6 kB more with
-    /// `save_state`). With further measurements it requires 15 kB per sample, the iteration has a single start, and a
-    /// robust loss applies only to the scalar field.
+    /// `save_state`). With additional measurements, it requires 15 kB per sample, the iteration has a single start, and
+    /// a robust loss applies only to the total field.
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).

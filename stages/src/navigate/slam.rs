@@ -61,7 +61,8 @@ filter! {
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
-    /// Minimum time between two updates of the particles. Measurements within it are averaged. 0 uses every sample.
+    /// Minimum time between two updates of the particles. Measurements within this time are averaged. 0 uses every
+    /// sample.
     update_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Prediction of a measurement from earlier ones: from the nearest and the most recent (`"nearest_neighbour"`), by
     /// the regression of Lee 2019 (`"regression"`), or by inverse distance (`"inverse_distance"`).

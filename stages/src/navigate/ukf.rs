@@ -14,10 +14,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// The unscented Kalman filter on the states of `ekf`. Instead of linearising the map at the estimated position,
-    /// the filter fits it by regression over the position's uncertainty, from seven map values per sample. If the map
-    /// is linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity of the map as
-    /// noise. Use `ukf` if the position uncertainty exceeds the node spacing of the map.
+    /// The unscented Kalman filter with the states of `ekf`. Instead of linearising the map at the estimated position,
+    /// the filter fits a linear function to the map over the position uncertainty, from seven map values per sample. If
+    /// the map is linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity of the
+    /// map as noise. Use `ukf` if the position uncertainty exceeds the node spacing of the map.
     ///
     /// If an outer sigma point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the
     /// part of the innovation's standard deviation due to the nonlinearity of the map; it is NaN where it is not

@@ -204,7 +204,7 @@ metric! {
 }
 
 metric! {
-    /// number of samples off the map or in an unknown cell
+    /// number of samples off the map or in a cell with an unknown node
     SAMPLES_OFF_MAP = "samples_off_map", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, UpdateOutcome::OffMap)
 }

@@ -9,7 +9,7 @@ use crate::fit::samples::FitSamples;
 params! {
     /// Vector form of Tolles-Lawson.
     pub struct VectorModelKeys;
-    /// Scalar field of the aircraft, computed from its vector.
+    /// Method that computes the scalar aircraft field from its vector.
     coupling: FieldCoupling, unit "", default FieldCoupling::Magnitude;
     /// Value of `bt_scale_nt` in the stage that computes the terms, for `coupling = "magnitude"`.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
