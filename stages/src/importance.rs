@@ -118,8 +118,8 @@ stage! {
     /// for a group of several inputs. The report plots both lists for all lines together, like the beeswarm plot of the
     /// SHAP package.
     ///
-    /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input lies
-    /// between the quantiles `tails` and 1 - `tails` of its values on the line. Correlated inputs then take
+    /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input is from
+    /// the quantile `tails` to the quantile 1 - `tails` of its values on the line. Correlated inputs then take
     /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
     /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
     /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are

@@ -36,7 +36,7 @@ trim    = true
     to_epsg: Option<usize>, unit "", absent "the map's own coordinate system", rule Rule::Between(1.0, 65535.0);
     /// Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
     spacing: Option<f64>, unit "", absent "at most the spacing of the map", rule Rule::Positive;
-    /// Bounds of the part to keep: west, south, east and north, in coordinates of that system.
+    /// Bounds of the part to keep: west, south, east and north, in the new coordinate system.
     bounds: Option<Vec<f64>>, unit "", absent "the whole map";
     /// Removes rows and columns without values at the edges.
     trim: bool, unit "", default false;

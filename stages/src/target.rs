@@ -38,8 +38,8 @@ stage! {
     /// | `d` | magnetometer minus truth | the aircraft field |
     /// | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
     ///
-    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. Apply a model
-    /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
+    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. To apply a
+    /// model of the anomaly, set `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
     /// `map_value` computes.
     ///
     /// The column has the role truth: it may be a target but not a feature. The result is NaN for a sample with a

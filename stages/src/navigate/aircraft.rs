@@ -24,7 +24,7 @@ params! {
     terms: String, unit "", default "tl";
     /// Standard deviation of the zero-mean prior of a permanent coefficient, unless `model` supplies a prior.
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
-    /// Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
+    /// Standard deviation of the zero-mean prior of an induced coefficient, unless `model` supplies a prior.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
     /// Prior standard deviation of an eddy coefficient. Its term is the change of the field from sample to sample
     /// divided by the scale. The value is multiplied by the sample rate of the line.

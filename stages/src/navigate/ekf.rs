@@ -23,7 +23,7 @@ filter! {
     /// uncertainty, from second-order divided differences [Nørgaard, Poulsen & Ravn 2000]. Without this term, the first
     /// updates after a coarse start reduce the covariance too far.
     ///
-    /// Source: Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise discretised.
+    /// Source: Gnadt 2022, section 5.3, with discretised process noise. F and H are verified by finite differences.
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;

@@ -22,8 +22,8 @@ use crate::{
 };
 
 filter! {
-    /// The 18-state extended Kalman filter with the weights of a network as further states. The network has one hidden
-    /// layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
+    /// The 18-state extended Kalman filter with the weights of a network as additional states. The network has one
+    /// hidden layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
     /// aircraft fields that are nonlinear in the features, such as the fields of switched electric currents. For linear
     /// aircraft fields `ekf_online_tl` is more accurate.
     ///
@@ -56,7 +56,7 @@ gnss_lost_s = [20.0, 1e6]"#;
     seed: usize, unit "", default 0usize;
     /// Number of training passes over the samples.
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
-    /// Time in which the weights are expected to change by their standard deviation after training.
+    /// Time over which the weights are expected to change by their standard deviation at the end of training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
@@ -64,8 +64,8 @@ gnss_lost_s = [20.0, 1e6]"#;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Appends the weights at each sample: weights of the inputs by hidden unit, biases of the units, weights of the
-    /// output, bias of the output.
+    /// Appends the weights at each sample: the input weights of each hidden unit, the biases of the units, the output
+    /// weights, and the output bias.
     save_weights: bool, unit "", default false;
 }
 

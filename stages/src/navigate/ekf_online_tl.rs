@@ -18,8 +18,8 @@ use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
 filter! {
-    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as further states.
-    /// `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
+    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as additional
+    /// states. `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
     ///
     /// Use it if the line has manoeuvres, and the calibration is old, comes from another aircraft, or is missing. On a
     /// straight line at constant attitude the aircraft field is a constant, and only the prior separates it from the

@@ -43,14 +43,13 @@ filter! {
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Delay of the estimate: a sample's estimate uses measurements up to this time after the sample. 0 gives real-time
-    /// navigation.
+    /// Delay of the estimate, which uses measurements up to this time after the sample. 0 gives real-time navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Loss function of a residual: quadratic, or robust to outliers.
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
-    /// Residual above which a robust `loss` departs from the quadratic, in standard deviations of the measurement.
+    /// Residual above which a robust `loss` departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;

@@ -93,8 +93,8 @@ params! {
             of the map and clearly increases the likelihood",
         rule Rule::NotNegative;
     /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
-    /// right, down). The three components are further states. Their effect on the total field follows from the attitude
-    /// and the core field. A constant offset with a standard deviation of 100 nT is a fourth state. Requires
+    /// right, down). The three components are additional states. Their effect on the total field follows from the
+    /// attitude and the core field. A constant offset with a standard deviation of 100 nT is a fourth state. Requires
     /// `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
         absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \

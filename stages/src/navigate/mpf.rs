@@ -57,8 +57,8 @@ filter! {
     /// has one kernel for each of its parts. The slope that `gradient` measures is linear over a third of this
     /// distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
-    /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
+    /// Standard deviation of the position noise of each resampled particle, per axis. Its unit is the range of the
+    /// particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
     gate_nis: Option<f64>, unit "1",

@@ -24,7 +24,7 @@ filter! {
     /// line, all samples come from `mpf`.
     ///
     /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
-    /// error of 30 nT locate the aircraft. The INS is corrected by this position and velocity. The likelihood of the
+    /// error of 30 nT locate the aircraft. The INS is corrected with this position and velocity. The likelihood of the
     /// innovations along the corrected INS then gives the noise and the outliers. While the particles locate the
     /// aircraft, a spike is rejected only if it contradicts every particle. Remove spikes in the first minutes with
     /// `despike`.

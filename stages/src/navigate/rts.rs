@@ -25,7 +25,7 @@ filter! {
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
     /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber`, the
-    /// influence of an outlier is constant. With `cauchy`, it decreases with the size of the residual, which requires a
+    /// influence of an outlier is constant. With `cauchy`, it decreases with the size of the residual; this requires a
     /// good initial track. `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged;
     /// `smoothing_step` is then the last change of the track.
     ///
@@ -42,7 +42,7 @@ filter! {
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
-    /// Residual above which a robust loss departs from the quadratic, in standard deviations of the measurement.
+    /// Residual above which a robust loss departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: Option<f64>, unit "1",
         absent "1.345 with `huber`, 2.385 with `cauchy` (95 % efficiency for normal noise)",
         rule Rule::Positive;

@@ -53,8 +53,8 @@ filter! {
     /// includes the temporal variation. Paths are shared in a tree, so that a step takes the same time after ten hours.
     /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001). The covariance includes the
     /// variance that resampling removes from the particles. The smoother maximises the likelihood of a Gaussian process
-    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior of these positions, and
-    /// Laplace's approximation gives their covariance.
+    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior for these positions, and
+    /// Laplace's approximation gives their posterior covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
     /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
     /// particles.
@@ -75,20 +75,20 @@ filter! {
     sigma_se_nt: Option<f64>, unit "nT",
         absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Correlation length of the anomaly.
-    length_m: Option<f64>, unit "m", absent "150 m, as for `sigma_se_nt`", rule Rule::Positive;
+    length_m: Option<f64>, unit "m", absent "150 m, the value of the same flight", rule Rule::Positive;
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise.
-    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, as for `sigma_se_nt`", rule Rule::NotNegative;
+    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, the value of the same flight", rule Rule::NotNegative;
     /// Length of the first part of the flight, to which the hyper-parameters are fitted.
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Length of the time before a sample within which other samples do not count as earlier samples.
+    /// Time before a sample in which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// Radius of the circle used to detect a revisit. A sample is a revisit if more than `trigger_points` earlier
-    /// samples lie within this radius.
+    /// Radius within which earlier samples count as a revisit. A sample is a revisit if more than `trigger_points`
+    /// earlier samples lie within this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// A revisit is declared when more than this number of earlier samples lie within `trigger_radius_m`.
+    /// Number of earlier samples within `trigger_radius_m` that must be exceeded for a revisit.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
