@@ -23,7 +23,7 @@ use crate::{
 choice! {
     /// Method that computes the importance.
     pub enum ImportanceMethod {
-        /// Increase of the mean square error when time blocks of a group are permuted.
+        /// Increase in the mean square error when time blocks of a group are permuted.
         Permutation = "permutation",
         /// Mean absolute Shapley value over the samples.
         Shapley = "shapley",
@@ -33,10 +33,10 @@ choice! {
         Pearson = "pearson",
         /// Largest Spearman rank correlation of an entry of the group with the target. Independent of the model.
         Spearman = "spearman",
-        /// Coefficients of the best linear model of `terms` entries, by iterative hard thresholding. Independent of the
-        /// model.
+        /// Coefficients of the best linear model with `terms` entries, by iterative hard thresholding. Independent of
+        /// the model.
         HardThresholding = "hard_thresholding",
-        /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks those of
+        /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks the weights of
         /// unimportant inputs.
         GroupLasso = "group_lasso",
         /// Mean absolute elementary effect over the ranges of the inputs.

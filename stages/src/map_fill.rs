@@ -30,7 +30,7 @@ choice! {
 }
 
 choice! {
-    /// Difference to the map, estimated in the overlap, that is removed from other maps.
+    /// Difference from the map, estimated in the overlap, that is removed from other maps.
     pub enum MapOverlapBias {
         /// No difference.
         Nothing = "nothing",

@@ -28,11 +28,11 @@ choice! {
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
         /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, the alignment
-        /// is at the fix or one hour before it: the one with the larger likelihood of the innovations. Where no
-        /// likelihood is computed, it is one hour before.
+        /// is assumed at the fix or one hour before it, whichever gives the larger likelihood of the innovations. If no
+        /// likelihood is computed, it is one hour before the fix.
         Fix = "fix",
-        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
-        /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
+        /// The initial standard deviations apply at the time of alignment, from the column `ins_aligned`. Their
+        /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
         /// The initial standard deviations apply at the first sample of the line.
         Given = "given",

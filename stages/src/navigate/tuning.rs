@@ -30,7 +30,8 @@ choice! {
     /// Source of unset parameters.
     pub enum Tuning {
         /// Noise from the likelihood of each line's innovations, rejection of outliers, and continuation of the map to
-        /// the flight heights. The curvature of the map over the position's uncertainty counts as measurement noise.
+        /// the flight heights. The effect of the map's curvature within the position uncertainty counts as measurement
+        /// noise.
         Auto = "auto",
         /// Defaults of MagNav.jl, no gate, and the map at its own height.
         Magnav = "magnav",
