@@ -32,7 +32,7 @@ stage! {
     /// | `COLUMN_lag_N` | value of the column N samples earlier |
     /// | `mag_2_3_uc` | `mag_2_uc` minus `mag_3_uc`, for any two magnetometers |
     /// | `lpf_COLUMN` | the column after a low-pass filter at 0.2 Hz |
-    /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
+    /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines of the rotation from north-east-down to body, column by column |
     /// | `crcy`, ... `srsp` | products of the cosines (c) and sines (s) of roll (r), pitch (p) and yaw (y) |
     /// | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
     /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |

@@ -83,11 +83,11 @@ stage! {
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
     /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
-    /// samples are not predicted from their neighbours. If a whole flight is omitted, they are not predicted from
-    /// effects that last for a whole flight, such as a magnetisation or a temperature. The score of an omitted line is
-    /// the variance (divisor n) of the prediction error. The mean of the prediction error is ignored, because a filter
-    /// removes constants and compensation does not determine them. All lines have equal weight. The selected value is
-    /// in the column `chosen`.
+    /// samples are not predicted from their neighbours. If a whole flight is omitted, its samples are not predicted
+    /// from effects that last for a whole flight, such as a magnetisation or a temperature. The score of an omitted
+    /// line is the variance (with divisor n) of the prediction error. The mean of the prediction error is ignored,
+    /// because a filter removes constants and compensation does not determine them. All lines have equal weight. The
+    /// selected value is in the column `chosen`.
     ///
     /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which is used for
     /// all lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the

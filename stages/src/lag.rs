@@ -32,8 +32,8 @@ stage! {
     /// `sd_s` is the standard error of the lag if the difference between the two signals is white noise. For correlated
     /// noise, `sd_s` is too small. `correlation` is the correlation coefficient at the peak. `next_peak` is the height
     /// of the second highest peak divided by the height of the highest. If it is near 1, the lag is ambiguous, as for
-    /// periodic signals. `n` is the number of sample pairs. The lag is NaN, with a warning, if a line has no peak
-    /// within `most_s`, a column is constant, or a line is too short. Missing samples are omitted.
+    /// periodic signals. `n` is the number of sample pairs. The lag is NaN, and a warning is reported, if a line has no
+    /// peak within `most_s`, a column is constant, or a line is too short. Missing samples are omitted.
     ///
     /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
     LagStage = "lag", version 1, grain Survey, inputs [input: Lines],

@@ -28,8 +28,8 @@ stage! {
     /// the pitch, roll and yaw manoeuvres of a calibration box. Boundaries are accurate to within one window length.
     ///
     /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts as one line. Samples must be evenly
-    /// spaced. A gap in time or a missing heading ends a segment. A run shorter than the window is `none`. The heading
-    /// may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
+    /// spaced. A gap in time or a missing heading ends a segment. A run shorter than the window has the kind `none`.
+    /// The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
     Segments = "segments", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]

@@ -103,7 +103,8 @@ spacing_m       = 500.0
     bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
     /// Largest standard deviation of a known node. Nodes with a larger one are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
-    /// Maximum number of functions in the expansion of the anomaly. Computing time grows with its third power.
+    /// Maximum number of functions in the expansion of the anomaly. Computing time grows with the third power of this
+    /// number.
     max_functions: usize, unit "1", default 3000usize, rule Rule::Between(1.0, 20_000.0);
     /// EPSG code of the map's coordinate system.
     to_epsg: Option<usize>, unit "", absent "the UTM zone of the measurements", rule Rule::Between(1.0, 65535.0);

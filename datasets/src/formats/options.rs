@@ -55,7 +55,7 @@ params! {
     /// Component to read from a map with three components, such as MagNav.jl's `EMM720_World.h5`. Its values are not a
     /// total-field anomaly.
     field_component: Option<VectorComponent>, unit "", default None, absent "the map holds the total-field anomaly";
-    /// Numbers that mark an unknown value, in addition to the markers in the file and the usual markers (the largest
+    /// Numbers that mark an unknown value, in addition to the file's own markers and the usual markers (the largest
     /// single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Plausibility checks that are disabled for this map.

@@ -64,7 +64,7 @@ params! {
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
     /// INS.
-    height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";
+    height: Option<String>, unit "m", absent "the height of the INS, aided by its barometer, is used";
     /// Standard deviation of the white noise of the measured height.
     height_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the slowly varying height error due to the weather and the geoid.

@@ -18,8 +18,8 @@ params! {
 params! {
     /// Curriculum of a training.
     pub struct CurriculumKeys;
-    /// Limit that selects the samples of the first phases: largest distance of the error of the ridge fit from its
-    /// mean, in standard deviations of this error.
+    /// Limit that selects the samples of the first phases: largest deviation of the ridge fit's error from its mean, in
+    /// standard deviations of this error.
     curriculum_sigma: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
