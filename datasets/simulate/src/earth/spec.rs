@@ -201,7 +201,7 @@ params! {
     storm_main_s: f64, unit "s", default 21_600.0, rule Rule::Positive;
     /// Time from the minimum to 1/e of the storm's depth.
     storm_recovery_s: f64, unit "s", default 57_600.0, rule Rule::Positive;
-    /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The record is used by time of day.
+    /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The date of the record is ignored.
     observatory: Option<String>, unit "", default None, absent "no record";
     /// Baseline that is subtracted from the observatory's record.
     observatory_base: ObservatoryBaseline, unit "", default ObservatoryBaseline::Mean;

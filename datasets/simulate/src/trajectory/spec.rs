@@ -155,7 +155,7 @@ variant! {
     struct SurveyKeys, groups [route: WaypointKeys];
     /// Duration of the line.
     duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
-    /// Amplitude of a periodic change in course about each leg.
+    /// Amplitude of a periodic change in course on each leg.
     weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
     /// Period of that change.
     weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
@@ -261,7 +261,7 @@ variant! {
 }
 
 variant! {
-    /// Crosses one position on four courses, a right angle apart.
+    /// Crosses one position on four courses, 90 degrees apart.
     CLOVERLEAF: LinePathKeys = "cloverleaf", |keys| LinePathKeys::Cloverleaf(keys);
     struct CloverleafKeys;
     /// Position of the crossings, [latitude, longitude].

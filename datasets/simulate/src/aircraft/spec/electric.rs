@@ -128,7 +128,7 @@ params! {
     onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Position of a small coil in the body frame (nose, right, down). It replaces `path`.
     place_m: Option<[f64; 3]>, unit "m", absent "no coil", rule Rule::Finite;
-    /// Magnetic moment of the coil per ampere, A m²/A, in the body frame.
+    /// Magnetic moment of the coil per ampere (A m²/A), in the body frame.
     moment_m2: Option<[f64; 3]>, unit "m2", absent "no coil", rule Rule::Finite;
 }
 

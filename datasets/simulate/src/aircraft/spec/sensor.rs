@@ -157,7 +157,7 @@ params! {
     rate_hz: Option<f64>, unit "Hz", absent "`rate_hz` of the spec", rule Rule::Positive;
     /// Lag of the readings, positive if they are late.
     lag_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
-    /// Holds the last reading until the next one. If false, interpolates linearly between readings.
+    /// Holds the last reading until the next one. If false, values are interpolated linearly between readings.
     hold: bool, unit "", default false;
 }
 

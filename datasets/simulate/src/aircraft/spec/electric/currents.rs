@@ -130,7 +130,7 @@ variant! {
 }
 
 variant! {
-    /// On for `for_s` every `every_s`, like a strobe light.
+    /// Switches on for `for_s` every `every_s`, like a strobe light.
     PERIODIC: CurrentControl = "periodic",
     |keys| CurrentControl::Periodic { every_s: keys.every_s, for_s: keys.for_s, first_s: keys.first_s };
     struct PeriodicKeys;
