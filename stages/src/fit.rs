@@ -132,12 +132,13 @@ stage! {
     /// is therefore overestimated. A time constant longer than the lines cannot be resolved. The columns are null if
     /// the lines are shorter than 16 s.
     ///
-    /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
-    /// starts from its weights instead of random weights, for example from the weights for an aircraft with more flight
-    /// data. Both fits must have the same inputs, layers, activation, linear terms and members. Inputs and target are
-    /// scaled as in the earlier network, because its weights depend on the scales. The constant is fitted to the new
-    /// lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of the earlier network.
-    /// Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    /// `warm_start` names the table of another fit of the same kind of network: a table of this pipeline, or a
+    /// published table. Training starts from its weights instead of random weights, for example from the weights for an
+    /// aircraft with more flight data. Both fits must have the same inputs, layers, activation, linear terms and
+    /// members. Inputs and target are scaled as in the earlier network, because its weights depend on the scales. The
+    /// constant is fitted to the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients
+    /// of the earlier network. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
+    /// lines.
     ///
     /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 for `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.

@@ -67,8 +67,8 @@ stage! {
     /// rejected: a level below the points, a spacing wider than the area, levelling of lines that do not cross, and a
     /// core field for points without a date.
     ///
-    /// `cross_validate` predicts every line from other lines. The column `error` then holds the expected error of each
-    /// node.
+    /// With `cross_validate`, every line is predicted from other lines. The column `error` then holds the expected
+    /// error of each node.
     ///
     /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
     /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).

@@ -80,7 +80,7 @@ spacing_m       = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation, north and east, of an additional position error of the track. It describes an error that the
+    /// Standard deviation, north and east, of an additional position error of the track. This error is one that the
     /// track's covariance omits, such as the error of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.

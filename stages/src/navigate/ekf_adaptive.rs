@@ -47,7 +47,7 @@ filter! {
     adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
     /// Number of past innovations in the estimate. With 50 innovations, the noise is accurate to 10 %; with 10, as in
     /// MagNav.jl, to 20 %. With 10 innovations, the forms `"matched"` and `"compatible"` occasionally estimate a noise
-    /// near 0. The filter is then far overconfident unless `sigma_min_nt` is near the true noise.
+    /// near 0. The filter is then strongly overconfident unless `sigma_min_nt` is near the true noise.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// Lower bound of the estimated noise.
     sigma_min_nt: Option<f64>, unit "nT",

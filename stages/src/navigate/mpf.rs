@@ -63,7 +63,8 @@ filter! {
     /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Appends the three most probable modes of the position to each sample. The filter then takes 50 % more time.
+    /// Appends the three most probable modes of the position to each sample. The run time of the filter then increases
+    /// by 50 %.
     save_modes: bool, unit "", default false;
 }
 

@@ -67,7 +67,7 @@ params! {
     /// Training stops after this many epochs without an improvement in the validation loss.
     patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
     /// Number of networks that start from different initial weights and whose predictions are averaged. The spread of
-    /// their predictions gives the standard deviation.
+    /// their predictions gives `mag_aircraft_sigma` of `compensate`.
     members: usize, unit "1", default 1usize, rule Rule::Between(1.0, 100.0);
     /// Seed for the initial weights, the order of the batches, and dropout.
     seed: usize, unit "", default 0usize;
