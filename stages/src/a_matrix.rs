@@ -14,15 +14,16 @@ stage! {
     /// Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list column `tl`.
     ///
     /// B is the reading of the vector magnetometer, Bt is its magnitude or `scalar`, dB is the central difference of B
-    /// per sample, and s is `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt
-    /// s), derivative dB_i, bias 1.
+    /// per sample, and s is `bt_scale_nt`. The terms are permanent (B_i/Bt), induced (B_i B_j/(Bt s)), eddy (B_i
+    /// dB_j/(Bt s)), derivative (dB_i) and bias (1).
     ///
     /// The column's metadata list the terms (`terms`) and the terms that are differences (`per_sample`). `rate_hz`
     /// holds the sample rate if `resample` set it. `fit` writes this rate to its table, and stages that apply a model
     /// convert its coefficients to the rate of their input.
     ///
     /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector
-    /// reading gives a row of NaN. Terms that are differences require evenly spaced samples; other lines are rejected.
+    /// reading gives a row of NaN. Terms that are differences require evenly spaced samples; lines with uneven samples
+    /// are rejected.
     ///
     /// Source: W. E. Tolles and J. D. Lawson 1950; Gnadt 2022, (3.13) to (3.20) with the scale of its Tables 3.1 and
     /// 3.2.
@@ -39,7 +40,7 @@ vector = "flux_a"
     /// Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`), `derivative`,
     /// `bias`.
     terms: Vec<String>, unit "", default ["permanent", "induced", "eddy"].map(String::from);
-    /// Scalar magnetometer whose reading replaces Bt. This gives the modified model.
+    /// Scalar magnetometer whose reading replaces Bt. This gives the modified Tolles-Lawson model.
     scalar: Option<String>, unit "", absent "the magnitude of `vector`";
     /// Scale s of the induced and eddy terms. A value near the total field gives all terms similar magnitudes.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;

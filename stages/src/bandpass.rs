@@ -10,15 +10,15 @@ use crate::{
 };
 
 stage! {
-    /// Removes frequencies outside the pass band without lag and appends `<column>_bp`.
+    /// Removes frequencies outside the pass band, without lag, and appends `<column>_bp`.
     ///
     /// A Butterworth filter of second-order sections runs forwards and backwards over each line. It uses odd reflection
-    /// at the ends and steady-state initial conditions. Each of the two passes halves the power at a corner.
+    /// at the ends and steady-state initial conditions. Each of the two passes halves the power at a corner frequency.
     ///
     /// A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps stay NaN and do not
-    /// spread. A run shorter than the filter's padding becomes NaN. The padding is 6 samples for each second-order
-    /// section, 25 samples for the default. A line is rejected if all its runs are too short. Samples must be evenly
-    /// spaced.
+    /// spread. A run that is not longer than the filter's padding becomes NaN. The padding is 6 samples per
+    /// second-order section: 24 samples for the default order. A line is rejected if all its runs are too short.
+    /// Samples must be evenly spaced.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are
     /// taken from Gnadt 2022, section 3.1.2.

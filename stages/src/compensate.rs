@@ -27,15 +27,15 @@ choice! {
 }
 
 stage! {
-    /// Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
+    /// Subtracts from a scalar magnetometer the aircraft field that a fitted model predicts.
     ///
     /// Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their sum is the reading
     /// of the magnetometer. Both are NaN if the sample lacks a term of the model.
     ///
-    /// Terms that are differences per sample are converted to the rate of the fit, so a line may have a different rate
-    /// from the fit. A central difference underestimates the rate of change at frequency f by the fraction (2 pi f /
-    /// rate)^2 / 6. At f = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If the rates may differ, a model without a
-    /// stored rate or with a lagged feature is rejected.
+    /// Terms that are differences per sample are converted to the rate of the fit, so the rate of a line may differ
+    /// from the rate of the fit. A central difference underestimates the rate of change at frequency f by the fraction
+    /// (2 pi f / rate)^2 / 6. For f = 0.2 Hz, this fraction is 0.3 % at a rate of 10 Hz and 1 % at 5 Hz. A model
+    /// without a stored rate, or with a lagged feature, is rejected if the rates may differ.
     ///
     /// The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal of the diurnal
     /// variation.
@@ -43,19 +43,19 @@ stage! {
     /// A model fitted to band-passed data does not determine the constant part of the aircraft field. `detrend` leaves
     /// the mean of the prediction over the line in the signal, as MagNav.jl's examples do.
     ///
-    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from the residual of the
-    /// model on its calibration lines. They are equal for all samples. `navigate` uses them for noise parameters that
-    /// are `"auto"`.
+    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated from the residual of
+    /// the model on its calibration lines. They are equal for all samples. `navigate` uses them for noise parameters
+    /// that are set to `"auto"`.
     ///
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
-    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
+    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes that part.
     ///
-    /// `parts` appends the parts of the prediction, before `detrend` and before `igrf` and `diurnal` are added, in nT.
-    /// `part_linear` is the prediction of the linear terms alone: all of a linear model, and none of `m1`, `m2a`, trees
-    /// and random features. `part_network` is the rest of the prediction, from the network and constants. For the
-    /// model 3 family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms in the axes of
-    /// the vector magnetometer, and `part_network_x` to `part_network_z` the vector of the network, which is 0 except
-    /// for `m3v` and `m3vc`. These vectors are null for other models.
+    /// `parts` appends the parts of the prediction in nT, before `detrend` and before `igrf` and `diurnal` are added.
+    /// `part_linear` is the prediction of the linear terms alone. It is the whole prediction of a linear model, and 0
+    /// for `m1`, `m2a`, trees and random features. `part_network` is the remaining prediction, from the network and
+    /// constants. For the model 3 family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson
+    /// terms along the axes of the vector magnetometer. `part_network_x` to `part_network_z` is the vector that the
+    /// network predicts; it is 0 except for `m3v` and `m3vc`. These vectors are null for other models.
     ///
     /// Source: Gnadt 2022, (3.22).
     Compensate = "compensate", version 4, grain Line, role Compensates, inputs [input: Lines, model: Model],

@@ -22,9 +22,9 @@ stage! {
     /// body frame (nose, right wing, down). `column` changes these names. An existing column of the same name is
     /// replaced.
     ///
-    /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
-    /// Heights are above the WGS-84 ellipsoid. The result is NaN for a sample without a position. A body component is
-    /// NaN if it depends on a missing angle.
+    /// The date of each sample follows from `year`, `doy` and `tt` of the flight. `decimal_year` sets one date for all
+    /// samples. Heights are above the WGS-84 ellipsoid. The result is NaN for a sample without a position. A body
+    /// component is NaN if it depends on a missing angle.
     ///
     /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.
     /// An impossible position is rejected too: latitude beyond 90 degrees, longitude outside -180 to 360 degrees,
@@ -41,7 +41,7 @@ decimal_year = 2020.5
 "#;
     /// Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
     model: CoreFieldModel, unit "", default CoreFieldModel::Igrf14;
-    /// Name of the column of the magnitude. The names of the components add a suffix to it.
+    /// Name of the column for the magnitude. The components' names are this name plus a suffix.
     column: String, unit "", default "igrf";
     /// Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the INS position.
     position: PositionSource, unit "", default PositionSource::Truth;

@@ -13,14 +13,15 @@ use schemas::{Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema,
 use crate::columns::{array, even_rate_hz, floats, is_angle, made_of_each, not_numbers_among, shape};
 
 stage! {
-    /// Appends the rate of change of columns per second, `<column>_dot`.
+    /// Appends the rate of change per second of each column as `<column>_dot`.
     ///
     /// `central` is the central difference divided by the time between samples, one-sided at the ends of a run.
     /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less than
-    /// `central`: by a factor of 0.32 per step with the default window and degree, compared with 0.71.
+    /// `central`. White noise with a standard deviation of 1 becomes 0.32 per sample with the default window and
+    /// degree, compared with 0.71.
     ///
     /// Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in time ends a run. A run
-    /// that is too short for the method is NaN. Samples must be evenly spaced. The unit is the column's unit per
+    /// that is too short for the method gives NaN. Samples must be evenly spaced. The unit is the column's unit per
     /// second.
     ///
     /// Source: Savitzky & Golay 1964, Analytical Chemistry 36(8).

@@ -19,18 +19,20 @@ stage! {
     /// (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else mag_4_uc end`).
     ///
     /// Expressions may use the DataFusion functions that depend only on the row. Clocks, random numbers and other rows
-    /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with it gives a missing value, and
-    /// a comparison with it is unknown. `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
-    /// missing. A line fails if SQL rejects a value, such as the square root of a negative number. Division is real,
-    /// also between integers. `greatest` and `least` return a missing value if any argument is missing.
+    /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with a missing value gives a
+    /// missing value, and a comparison with one is unknown. `coalesce` and `is null` detect missing values. An infinite
+    /// result, such as 1/0, becomes a missing value. A line fails if SQL rejects a value, such as the square root of a
+    /// negative number. Division gives a real number, even for two integers. `greatest` and `least` return a missing
+    /// value if any argument is missing.
     ///
     /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
     /// of equal units. Otherwise set it in `units`. Sums and comparisons of columns with different units are rejected.
     /// An expression can use the columns of `input` but not the other new columns. An existing column of the same name
     /// is replaced. A column computed from a truth column has the role truth.
     ///
-    /// For a column in nT, the metadata `removed` list the corrections already applied to its terms, and `igrf` or
-    /// `diurnal` if the expression subtracts it. Later stages do not repeat these corrections.
+    /// For a column in nT, the metadata entry `removed` lists the corrections already applied to the columns of the
+    /// expression. It also lists `igrf` or `diurnal` if the expression subtracts it. Later stages do not repeat these
+    /// corrections.
     Derive = "derive", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -42,7 +44,7 @@ units   = { heading = "deg" }
 "#;
     /// SQL expression of each new column, by column name.
     columns: BTreeMap<String, String>, unit "";
-    /// Unit of new columns, by column name. Required where the unit cannot be inferred, and where a multiplication
+    /// Unit of each new column, by column name. Required where the unit cannot be inferred, and where a multiplication
     /// converts it, as `alt * 3.28084` converts metres to feet.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
 }

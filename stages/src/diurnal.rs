@@ -26,18 +26,18 @@ stage! {
     /// of each sample, minus the level of the record. An existing column of that name is replaced.
     ///
     /// A record is a table of flight lines. In this table, each station is stored as a flight and each day as a line.
-    /// It has the columns `year`, `doy` and `tt`, and the column that `element` names. IAGA-2002 and IMF files have
-    /// this form after reading; their total field is `field_f`. If a record has no scalar magnetometer, compute the
+    /// It has the columns `year`, `doy` and `tt`, and the column that `element` names. IAGA-2002 and IMF files are read
+    /// in this form; their total field is the column `field_f`. If a record has no scalar magnetometer, compute the
     /// magnitude of `field_n`, `field_e` and `field_d` with `derive`. Every line can use all days of a record, so a
     /// line may cross midnight.
     ///
     /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
     /// `max_gap_s`. A line without any value is rejected, and so is a line without a date. Several stations, in one or
     /// more tables, are averaged at each sample with weights 1/distance^`power`. The result is NaN for a sample at
-    /// which one station has no value.
+    /// which any station has no value.
     ///
     /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
-    /// mean of the whole record, or its mean over the time of the line. `level_nt` sets the level explicitly, for
+    /// mean of the whole record, or its mean over the duration of the line. `level_nt` sets the level explicitly, for
     /// example to the level of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
@@ -53,7 +53,7 @@ record = "observatory"
     column: String, unit "nT", default "diurnal";
     /// Interpolation between samples of the record.
     method: SampleInterpolation, unit "", default SampleInterpolation::Linear;
-    /// Longest gap between samples of the record that is interpolated.
+    /// Longest gap in the record over which values are interpolated.
     max_gap_s: f64, unit "s", default 180.0, rule Rule::Positive;
     /// Level that is subtracted from each record.
     level: DiurnalBaseline, unit "", default DiurnalBaseline::Record;

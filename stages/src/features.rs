@@ -31,20 +31,20 @@ stage! {
     /// | `COLUMN_dot`, `COLUMN_dot4` | central and fourth difference of the column per sample |
     /// | `COLUMN_lag_N` | value of the column N samples earlier |
     /// | `mag_2_3_uc` | `mag_2_uc` minus `mag_3_uc`, for any two magnetometers |
-    /// | `lpf_COLUMN` | the column, low-passed at 0.2 Hz |
-    /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
-    /// | `crcy`, ... `srsp` | products of cosines and sines (c, s) of roll, pitch and yaw |
+    /// | `lpf_COLUMN` | the column after a low-pass filter at 0.2 Hz |
+    /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines of the rotation from north-east-down to body, column by column |
+    /// | `crcy`, ... `srsp` | products of the cosines (c) and sines (s) of roll (r), pitch (p) and yaw (y) |
     /// | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
     /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
     /// | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
-    /// | `slope`, `slope_quadratic` | easting and northing (km), squares and product, for the slope of the anomaly |
+    /// | `slope`, `slope_quadratic` | easting and northing (km); `slope_quadratic` adds their squares and product |
     ///
-    /// Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section
-    /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
+    /// Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt
+    /// 2022, section 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
-    /// Differences and lags are per sample. The column's metadata `per_sample` list them, and `rate_hz` holds the
-    /// sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
-    /// rejects the lags. A column of the table, such as one of `derivative`, is used unchanged at any rate.
+    /// Differences and lags are per sample. The column's metadata entry `per_sample` lists them, and `rate_hz` holds
+    /// the sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
+    /// rejects the lags. A column of the table, such as one made by `derivative`, is used unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.
@@ -61,7 +61,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
 "#;
     /// Features, in the order of the list.
     features: Vec<String>, unit "";
-    /// Groups of Tolles-Lawson terms in `TL_A_...`.
+    /// Groups of Tolles-Lawson terms in the features `TL_A_...`.
     terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy terms; for the sets \
         `down_selected`, `small_1` and `small_2`: permanent, induced and derivative terms";
     /// Scale of the induced, eddy and core-field terms.

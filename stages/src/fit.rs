@@ -73,37 +73,37 @@ use crate::{
 stage! {
     /// Fits a compensation model to all lines that `where` selects, as one data set.
     ///
-    /// One zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
+    /// The same zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
     /// samples are removed at each end of every run. The model is fitted to the remaining samples. Each model below has
     /// its own keys; a key of another model is rejected.
     ///
-    /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The stage `features` computes all other
-    /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` between them. The
-    /// target of the second fit is `mag_c`.
+    /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The `features` stage computes all other
+    /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` stage between them.
+    /// The target of the second fit is `mag_c`.
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
     /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
-    /// samples are not predicted from their neighbours. If a whole flight is omitted, they are not predicted from
-    /// effects that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the
-    /// variance (divisor n) of the prediction error. The mean of the prediction error is ignored, because a filter
-    /// removes constants and compensation does not determine them. All lines have equal weight. The selected value is
-    /// in the column `chosen`.
+    /// samples are not predicted from their neighbours. If a whole flight is omitted, its samples are not predicted
+    /// from effects that last for a whole flight, such as a magnetisation or a temperature. The score of an omitted
+    /// line is the variance (with divisor n) of the prediction error. The mean of the prediction error is ignored,
+    /// because a filter removes constants and compensation does not determine them. All lines have equal weight. The
+    /// selected value is in the column `chosen`.
     ///
-    /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which serves all
-    /// lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
+    /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which is used for
+    /// all lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
     /// condition number. Coefficients are in the units of the columns, independent of the scaling. The intercept is the
     /// term `intercept`.
     ///
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
-    /// terms in bands, because the filter and coloured noise correlate the samples. It includes the ramp of a drifting
-    /// residual from the first to the last sample. The intercept's `std` excludes the effect of a random walk on the
-    /// mean. `std` is null for models other than ridge models. It is also null for 96 or more terms, and a note reports
-    /// this.
+    /// terms in frequency bands, because the filter and coloured noise correlate the samples. It includes the effect of
+    /// a residual that drifts from the first to the last sample. The intercept's `std` excludes the effect of such a
+    /// drift on the mean. `std` is null for models other than ridge models. It is also null for fits with 96 or more
+    /// terms; a note reports this.
     ///
-    /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are converted
-    /// to it on lines with other rates, so all coefficients are valid at this rate. Lagged values cannot be converted
-    /// and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate of that
-    /// table.
+    /// `rate_hz` is the rate of the first line. On lines with other rates, terms that are differences per sample, such
+    /// as `xx_dot`, are converted to this rate. All coefficients are therefore valid at this rate. Lagged values cannot
+    /// be converted and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate
+    /// of that table.
     ///
     /// A filter removes the mean of the target, so the constant part of the aircraft field is not determined.
     ///
@@ -118,27 +118,29 @@ stage! {
     /// earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
     /// unsuitable for the filter, are omitted and listed in the table `failures`.
     ///
-    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change of the
-    /// magnitude by the projection of the aircraft field on the earth's field. It neglects up to b^2/2 of the total
-    /// field, where b is the ratio of the two fields. The bound is computed from the permanent and induced coefficients
-    /// for the worst attitude. It is null if the terms do not determine it, or if the target is not a total field.
+    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change in
+    /// magnitude by the projection of the aircraft field on the earth's field. The error is up to b^2/2 of the total
+    /// field, where b is the aircraft field divided by the earth's field. The bound is computed from the permanent and
+    /// induced coefficients for the worst attitude. It is null if the terms do not determine this bound, or if the
+    /// target is not a total field.
     ///
     /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
     /// frequencies. They are the smallest white noise and first-order Gauss-Markov noise that together bound the Allan
-    /// variance of the unfiltered residual on the lines of the fit. `igrf` and `diurnal` are subtracted from a total
-    /// field if present. Without `igrf` the core field is computed at the INS positions and the line's date. The
-    /// crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height is therefore
-    /// overestimated. A time constant longer than the lines cannot be resolved. The columns are null if the lines are
-    /// shorter than 16 s.
+    /// variance of the unfiltered residual on the lines of the fit. From a residual of the total field, `igrf` and
+    /// `diurnal` are subtracted if present. Without `igrf`, the core field is computed at the INS positions and the
+    /// line's date. The crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height
+    /// is therefore overestimated. A time constant longer than the lines cannot be resolved. The columns are null if
+    /// the lines are shorter than 16 s.
     ///
-    /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
-    /// starts from its weights instead of random weights, for example from the weights for an aircraft with more flight
-    /// data. Inputs, layers, activation, linear terms and members must be the same. Inputs and target are scaled as in
-    /// that network, because its weights depend on the scales. Its constant is replaced by the constant of the new
-    /// lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network. Coefficients
-    /// that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    /// `warm_start` names the table of another fit of the same kind of network: a table of this pipeline, or a
+    /// published table. Training starts from its weights instead of random weights, for example from the weights for an
+    /// aircraft with more flight data. Both fits must have the same inputs, layers, activation, linear terms and
+    /// members. Inputs and target are scaled as in the earlier network, because its weights depend on the scales. The
+    /// constant is fitted to the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients
+    /// of the earlier network. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
+    /// lines.
     ///
-    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
+    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 for `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.
     Fit = "fit", version 5, grain Survey, role FitsModel, inputs [input: Lines, warm_start: Model optional],
     example r#"
@@ -153,14 +155,14 @@ lambda = 0.025
 "#;
     /// Compensation model.
     model: ChoiceSelection<FitModelDecl>, unit "";
-    /// Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage `target`.
+    /// Column to which the model is fitted, such as `mag_4_uc`, or `target`, which the `target` stage makes.
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Entries of the lists in `features` to use, in this order. Each is given by its name, or by a prefix (the part
-    /// before a `_`) that selects all names beginning with it, such as `TL_A_flux_a`. A row must be finite in all
-    /// entries of the lists, selected or not. The lists are factored once for all choices of entries, so a sweep over
-    /// `entries` is fast.
+    /// Entries of the lists in `features` to use, in this order. Each is given by its name or by a prefix. A prefix,
+    /// such as `TL_A_flux_a`, is the part of a name before a `_`; it selects all names that begin with it. A row must
+    /// be finite in all entries of the lists, selected or not. The matrix of all entries is factored only once, so a
+    /// sweep over `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: ModelSelection, unit "", default ModelSelection::Given;
@@ -170,9 +172,9 @@ lambda = 0.025
     /// divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor in partial least squares and whitened components.
     /// Its `StandardScaler` uses the divisor n; the same ridge then requires `lambda` n / (n - 1).
     scaling: Option<Divisor>, unit "", absent "the default of the model";
-    /// Fits to whitened principal components of the features instead of the features. A value of 1 or more is the
-    /// number of components, a value below 1 the fraction of the variance. The table still holds coefficients of the
-    /// features.
+    /// Fits the model to whitened principal components of the features, instead of the features themselves. A value of
+    /// 1 or more is the number of components, a value below 1 the fraction of the variance. The table still holds
+    /// coefficients of the features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
     /// Also fits a constant, without a penalty.
     intercept: Option<bool>, unit "", absent "true with `whiten`, otherwise the default of the model";

@@ -24,18 +24,18 @@ stage! {
     /// table.
     ///
     /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true signal,
-    /// the variation of a base station, or the `residual` of a track without measurement updates. `residual_noise`
-    /// gives the smallest noise that bounds a signal at every time span, for a cautious filter. `fogm_noise` gives the
-    /// best fit for noise with one time scale. It represents noise with several time scales only partly.
+    /// the variation at a base station, and the `residual` of a track without measurement updates. `residual_noise`
+    /// gives the smallest noise that bounds a signal over every time span, for a cautious filter. `fogm_noise` gives
+    /// the best fit for noise with one time scale. It represents noise with several time scales only in part.
     ///
     /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
-    /// run. `allan` fits the Allan variance. Neither depends on a constant. A gap ends a run. If the Gauss-Markov noise
-    /// is not significant, its standard deviation is 0 and the time constant is the sample interval. The white noise is
-    /// at least 0.01 nT.
+    /// run. `allan` fits the Allan variance. A constant affects neither statistic. A gap ends a run. If the
+    /// Gauss-Markov noise is not significant, its standard deviation is 0 and the time constant is the sample interval.
+    /// The white noise is at least 0.01 nT.
     ///
     /// These are rejected: records without a run of 64 samples, constant records, and lines with different sample
-    /// rates. A record must also last 20 time constants in total and 8 in its longest run. A shorter record does not
-    /// determine the time constant.
+    /// rates. A record must also last at least 20 time constants in total, and at least 8 in its longest run. A shorter
+    /// record does not determine the time constant.
     ///
     /// Source: Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     FogmNoise = "fogm_noise", version 1, grain Survey, inputs [input: Lines],
@@ -47,7 +47,7 @@ input  = "compensate"
 column = "mag_c"
 truth  = "mag_1_c"
 "#;
-    /// Residual, or the signal from which `truth` is subtracted.
+    /// Column of the residual, or of the signal from which `truth` is subtracted.
     column: String, unit "nT", default "residual";
     /// Column that is subtracted from `column`, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "nothing is subtracted";

@@ -23,7 +23,7 @@ use crate::{
 choice! {
     /// Method that computes the importance.
     pub enum ImportanceMethod {
-        /// Increase of the mean square error when time blocks of a group are permuted.
+        /// Increase in the mean square error when time blocks of a group are permuted.
         Permutation = "permutation",
         /// Mean absolute Shapley value over the samples.
         Shapley = "shapley",
@@ -33,10 +33,10 @@ choice! {
         Pearson = "pearson",
         /// Largest Spearman rank correlation of an entry of the group with the target. Independent of the model.
         Spearman = "spearman",
-        /// Coefficients of the best linear model of `terms` entries, by iterative hard thresholding. Independent of the
-        /// model.
+        /// Coefficients of the best linear model with `terms` entries, by iterative hard thresholding. Independent of
+        /// the model.
         HardThresholding = "hard_thresholding",
-        /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks those of
+        /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks the weights of
         /// unimportant inputs.
         GroupLasso = "group_lasso",
         /// Mean absolute elementary effect over the ranges of the inputs.
@@ -88,20 +88,21 @@ impl ImportanceMethod {
 
 stage! {
     /// Computes the importance of each input of a fitted model on each line. Each group of inputs gives a row with
-    /// `value` and, for a mean, its `spread`. The methods use predictions only, so they apply to all kinds of models.
+    /// `value` and, if the value is a mean, its `spread`. `permutation`, `shapley`, `morris` and the Sobol indices use
+    /// predictions only, so they apply to all kinds of models.
     ///
     /// Every entry of the features that the model uses is a separate group, unless `groups` combines it with others.
     /// Correlated inputs share or mask importance. Put all inputs from one sensor into one group.
     ///
     /// | `method` | `value` | `spread` |
     /// |---|---|---|
-    /// | `permutation` | increase of the mean square error against `target`, in nT2 | over the repeats |
+    /// | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | over the repeats |
     /// | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
-    /// | `expected_gradients` | mean absolute contribution to the prediction by gradients, in nT | over the samples |
+    /// | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | over the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
     /// | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
-    /// | `morris` | mean absolute change of the prediction over the range of the input, in nT | over the trajectories |
+    /// | `morris` | mean absolute change in the prediction over the range of the input, in nT | over the trajectories |
     /// | `sobol_first` | share of the prediction's variance from the group alone | |
     /// | `sobol_total` | share from the group and all its interactions | |
     ///
@@ -113,21 +114,21 @@ stage! {
     /// that is too short is rejected.
     ///
     /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
-    /// their contributions to the prediction, and `sample_inputs` holds the values of the input. They are NaN for a
-    /// group of several inputs. The report draws both lists for all lines together, like the beeswarm plot of the SHAP
-    /// package.
+    /// their contributions to the prediction, and `sample_inputs` holds the values of the input. `sample_inputs` is NaN
+    /// for a group of several inputs. The report plots both lists for all lines together, like the beeswarm plot of the
+    /// SHAP package.
     ///
-    /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input lies
-    /// between the quantiles `tails` and 1 - `tails` of its values on the line. Correlated inputs then take combinations
-    /// that do not occur in the data: the values describe the model over the ranges, not its behaviour on the line. The
-    /// shares of correlated inputs do not add up to the variance of the prediction on the line. An input that is
-    /// constant on the line has the value 0. `error` is the standard error; `low` and `high` are the bounds of a 95 %
-    /// interval of a Sobol index, by bootstrap. First-order indices below the total indices show interactions. The
-    /// effects of a group of several inputs have no `spread`.
+    /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input is from
+    /// the quantile `tails` to the quantile 1 - `tails` of its values on the line. Correlated inputs then take
+    /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
+    /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
+    /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are
+    /// the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total indices indicate
+    /// interactions. The effect of a group of several inputs has no `spread`.
     ///
-    /// A sweep gives the increase of the error when an input is dropped and the model is refitted. Its axis holds all
-    /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, for `entries` or `inputs` of
-    /// the fit. A sweep over `seed` of the fit gives the spread over seeds.
+    /// To compute the increase in error when an input is dropped and the model is refitted, use a sweep. Its axis holds
+    /// all subsets of `entries` or `inputs` of the fit that lack at most one input: `{ subsets_of = [...], at_least = n
+    /// - 1 }`. A sweep over `seed` of the fit gives the spread over seeds.
     ///
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
     /// Morris 1991; Campolongo, Cariboni & Saltelli 2007; Sobol 2001; Jansen 1999; Saltelli et al. 2010; Gnadt 2022,
@@ -147,10 +148,10 @@ block_s = 1.0
     target: String, unit "nT";
     /// Method that computes the importance.
     method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
-    /// Groups of entries. Each is given by a name, or by a prefix (the part before a `_`) that selects all names
-    /// beginning with it, such as `TL_A_flux_a`.
+    /// Groups of entries, each given by a name or a prefix. A prefix, such as `TL_A_flux_a`, is the part of a name
+    /// before a `_`; it selects all names that begin with it.
     groups: Vec<String>, unit "", default Vec::<String>::new();
-    /// Length of the permuted blocks. It must exceed the correlation time of the target and the inputs.
+    /// Length of the permuted blocks. It must exceed the correlation times of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
     /// Number of repeats of the permutation.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
@@ -163,14 +164,14 @@ block_s = 1.0
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
     /// Number of explained samples whose values are stored, evenly spaced. 0 stores none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
-    /// Number of entries of the linear model of `hard_thresholding`.
+    /// Number of entries in the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
     /// Number of trajectories of `morris`. Each requires (groups + 1) predictions.
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
-    /// Even number of levels of each input in `morris`.
+    /// Number of levels of each input in `morris`, an even number.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
-    /// Number of rows of each of the two random matrices of a Sobol index. The model predicts (groups + 2) times as
-    /// many rows. Errors are proportional to its inverse square root.
+    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (groups + 2) times as
+    /// many rows. Errors are proportional to the inverse square root of `points`.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
     /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);

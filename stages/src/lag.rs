@@ -18,21 +18,22 @@ use crate::{
 };
 
 stage! {
-    /// Estimates the lag of each of `columns` against `reference` on each line that `where` selects. The lag is at the
-    /// peak of the cross-correlation. Each line and column gives a row with `lag_s`. The parameter `lag_s` of
+    /// Estimates the lag of each of `columns` relative to `reference` on each line that `where` selects. The lag is at
+    /// the peak of the cross-correlation. Each line and column gives a row with `lag_s`. The parameter `lag_s` of
     /// `resample` removes this lag.
     ///
-    /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both must measure the
-    /// same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a
-    /// scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat correlation
-    /// peak, so remove them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced.
-    /// Resample sensors with different rates to one grid with `resample`, at the highest of their rates or above.
+    /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both columns must
+    /// measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer
+    /// and a scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat
+    /// correlation peak, so remove them with `low_hz` or with a `derivative` stage before this one. Samples must be
+    /// evenly spaced. Resample sensors with different rates to one grid with `resample`, at their highest rate or
+    /// above.
     ///
-    /// `sd_s` is the standard error of the lag if the difference of the two signals is white noise. For correlated
-    /// noise it is too small. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of
-    /// the second highest peak divided by the height of the highest. If it is near 1, the lag is ambiguous, as for
-    /// periodic signals. `n` is the number of pairs of samples. The lag is NaN, with a warning, if a line has no peak
-    /// within `most_s`, a column is constant, or a line is too short. Missing samples are omitted.
+    /// `sd_s` is the standard error of the lag if the difference between the two signals is white noise. For correlated
+    /// noise, `sd_s` is too small. `correlation` is the correlation coefficient at the peak. `next_peak` is the height
+    /// of the second highest peak divided by the height of the highest. If it is near 1, the lag is ambiguous, as for
+    /// periodic signals. `n` is the number of sample pairs. The lag is NaN, and a warning is reported, if a line has no
+    /// peak within `most_s`, a column is constant, or a line is too short. Missing samples are omitted.
     ///
     /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
     LagStage = "lag", version 1, grain Survey, inputs [input: Lines],
@@ -47,7 +48,7 @@ low_hz    = 0.05
 "#;
     /// Columns whose lags are estimated.
     columns: Vec<String>, unit "";
-    /// Column against which the lags are measured.
+    /// Column relative to which the lags are measured.
     reference: String, unit "";
     /// Largest lag, in either direction.
     most_s: f64, unit "s", default 2.0, rule Rule::Positive;
@@ -57,7 +58,7 @@ low_hz    = 0.05
     low_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
     /// Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
     high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
-    /// Order of the Butterworth prototype of the band-pass.
+    /// Order of the Butterworth prototype of the band-pass filter.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 

@@ -12,14 +12,14 @@ use crate::{
 };
 
 stage! {
-    /// Removes frequencies above a corner without lag and appends `<column>_lp`.
+    /// Removes frequencies above a corner frequency, without lag, and appends `<column>_lp`.
     ///
-    /// It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
-    /// anti-alias filter before a `resample` to that rate. It then has order 8 and a corner at 0.8 of the new Nyquist
-    /// frequency. At the new Nyquist frequency it attenuates by 31 dB.
+    /// The filter equals `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
+    /// anti-alias filter for a later `resample` to that rate. It then has order 8 and a corner at 0.8 of the new
+    /// Nyquist frequency. Its attenuation at the new Nyquist frequency is 31 dB.
     ///
-    /// Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about 1/`corner_hz` seconds of
-    /// the ends of a run. Gaps, short runs and uneven samples are treated as in `bandpass`.
+    /// Angles (unit deg) are filtered along the shorter arc. A sloping signal is distorted within about 1/`corner_hz`
+    /// seconds of the ends of a run. Gaps, short runs and uneven samples are treated as in `bandpass`.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
     Lowpass = "lowpass", version 2, grain Line, inputs [input: Lines],
@@ -33,7 +33,7 @@ corner_hz = 1.0
 "#;
     /// Columns to filter.
     columns: Vec<String>, unit "";
-    /// Corner frequency. Both passes together halve the amplitude there.
+    /// Corner frequency. The two passes together halve the amplitude at this frequency.
     corner_hz: Option<f64>, unit "Hz", absent "set by `for_rate_hz`", rule Rule::Positive;
     /// Lower sample rate to which the columns will be resampled.
     for_rate_hz: Option<f64>, unit "Hz", absent "set by `corner_hz`", rule Rule::Positive;

@@ -31,19 +31,20 @@ choice! {
 }
 
 stage! {
-    /// Continues a map to another height, or differentiates it. It continues one level to another, a draped map to a
-    /// level, or a level to the heights of another map on the same grid (`drape`).
+    /// Continues a map to another height, or differentiates it. A level map is continued to another level or to the
+    /// heights of another map on the same grid (`drape`), and a draped map to a level.
     ///
-    /// Use it to bring a map to the flight height, or above the highest of several maps before they are combined.
-    /// Upward continuation is a stable smoothing. Downward continuation amplifies short wavelengths and noise, so it is
-    /// damped by `alpha_m2`. The damping removes part of the signal. Unknown nodes are filled by minimum curvature for
-    /// the transform and are unknown again in the result. The field beyond the map's edges is unknown. Keep the
-    /// distance below 1/50 of the shorter side, or remove the edges afterwards.
+    /// Use `map_continue` to bring a map to the flight height, or to bring several maps to one height before they are
+    /// combined. Upward continuation is stable, because it smooths the field. Downward continuation amplifies short
+    /// wavelengths and noise, so it is damped by `alpha_m2`. The damping removes part of the signal. Unknown nodes are
+    /// filled by minimum curvature for the transform and are unknown again in the result. The field beyond the map's
+    /// edges is unknown. Keep the change of height below 1/50 of the map's shorter side, or remove the edges
+    /// afterwards.
     ///
     /// These are rejected: a map without a known height, a derivative of a draped map, and a `drape` that is on another
     /// grid or has one height for all nodes.
     ///
-    /// Source: Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward).
+    /// Source: Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward continuation).
     MapContinue = "map_continue", version 1, grain Map, inputs [map: Map, drape: Map optional],
     example r#"
 [[stages]]

@@ -30,7 +30,7 @@ choice! {
 }
 
 choice! {
-    /// Difference to the map, estimated in the overlap, that is removed from other maps.
+    /// Difference from the map, estimated in the overlap, that is removed from other maps.
     pub enum MapOverlapBias {
         /// No difference.
         Nothing = "nothing",
@@ -44,7 +44,7 @@ choice! {
 stage! {
     /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
     ///
-    /// Other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
+    /// The other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
     /// Their difference from the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
     /// information about the anomaly there. `minimum_curvature` is suitable for gaps of a few nodes. No method is
     /// suitable for large gaps.
@@ -66,15 +66,15 @@ method = "minimum_curvature"
     /// harmonic surface, which stays between the values around the gap; `minimum_curvature`, which continues the slope
     /// at the gap's edge; or `none`.
     method: GapFillMethod, unit "", default GapFillMethod::Knn;
-    /// Number of neighbours in a mean.
+    /// Number of nodes in the mean of `knn`.
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
-    /// Weights neighbours by 1/distance^`power`.
+    /// Power in the weights 1/distance^`power` of the nodes in the mean.
     power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
     /// Distance from the nearest known node beyond which nodes remain unknown.
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
-    /// Width of the transition at the edge between two maps.
+    /// Width of the transition between two maps at their common edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Difference of the other maps from the map. It is estimated in the overlap and removed from the other maps.
+    /// Difference between the other maps and the map. It is estimated in the overlap and removed from the other maps.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
     /// Extends the map to the combined extent of all maps.
     extend: bool, unit "", default false;

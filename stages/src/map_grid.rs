@@ -53,22 +53,22 @@ choice! {
 }
 
 stage! {
-    /// Grids survey lines to a map. It subtracts the core field and the diurnal variation, levels the lines at their
-    /// crossings, removes outliers, and fits a surface.
+    /// Grids survey lines to a map. The stage subtracts the core field and the diurnal variation, levels the lines at
+    /// their crossings, removes outliers, and fits a surface.
     ///
-    /// Use it to make a navigation map from a survey, with the lines that `where` selects. `equivalent_sources` gives a
+    /// Use `map_grid` to make a navigation map from the survey lines that `where` selects. `equivalent_sources` gives a
     /// potential field on a level, which can be continued. By default the level is the height of the highest point.
     /// `minimum_curvature` interpolates at the heights flown and requires no heights. Levelling is part of this stage
-    /// because crossings are found among the gridded points, on the plane of the map and after the reduction. Do not
-    /// grid the lines that are navigated: the map would then contain the field along them.
+    /// because crossings are found among the points that are gridded, in the map's coordinates and after the reduction
+    /// to blocks. Do not grid the lines that are navigated: the map would then contain the field along them.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
     /// rejected: a level below the points, a spacing wider than the area, levelling of lines that do not cross, and a
     /// core field for points without a date.
     ///
-    /// `cross_validate` predicts every line from other lines. The column `error` then holds the expected error of each
-    /// node.
+    /// With `cross_validate`, every line is predicted from other lines. The column `error` then holds the expected
+    /// error of each node.
     ///
     /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
     /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
@@ -91,9 +91,9 @@ level_m   = 300.0
     decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the values.
     remove_diurnal: bool, unit "", default false;
-    /// Order of the levelling correction of each line: 0 for a constant, 1 for a linear correction, and so on.
+    /// Order of the polynomial that levels each line: 0 for a constant, 1 for a linear correction, and so on.
     level_order: Option<usize>, unit "", absent "no levelling", rule Rule::Between(0.0, 8.0);
-    /// Largest height difference of two lines at a crossing.
+    /// Largest height difference between two lines at a crossing.
     crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
     /// Gridding method.
     method: GridSurfaceMethod, unit "", default GridSurfaceMethod::EquivalentSources;
@@ -109,7 +109,7 @@ level_m   = 300.0
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
-    /// Distance from the nearest point beyond which nodes are unknown. `inf` for no limit.
+    /// Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
     /// Keeps points that deviate from their line, and points far from all others.
     keep_outliers: bool, unit "", default false;

@@ -22,16 +22,17 @@ stage! {
     /// Appends measures of a map's usefulness for navigation along a planned or flown track. `map_gradient_n` and
     /// `map_gradient_e` are the slopes of the map to the north and east, and `map_gradient` is the magnitude of the
     /// slope. `map_sd_sample` is the position accuracy of one measurement along that slope. `map_sd_expected` is the
-    /// expected root mean square horizontal error from the measurements within `window_s` about the sample. Use it to
-    /// plan flights over informative parts of a map, and to find where no filter could have been more accurate.
+    /// expected root mean square horizontal error from the measurements within `window_s` about the sample. Use
+    /// `map_quality` to plan flights over informative parts of a map, and to find where the map limits the accuracy of
+    /// any filter.
     ///
     /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the square root of the
     /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an
-    /// unbiased filter with perfect knowledge of its motion within the window and no earlier position. It assumes
+    /// unbiased filter that has exact knowledge of its motion within the window but no earlier position. It assumes
     /// independent sample errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and
-    /// of the temporal variation are correlated. Multiply `sigma_nt` by the square root of the number of correlated
-    /// samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown
-    /// constant (`map_position_bound` of `score` is this bound over the whole line).
+    /// of the temporal variation are correlated. In this case, multiply `sigma_nt` by the square root of the number of
+    /// correlated samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an
+    /// unknown constant. `map_position_bound` of `score` is this bound over the whole line.
     ///
     /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
     /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
@@ -52,17 +53,17 @@ window_s = 20.0
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
     /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
-    /// Standard deviation of the error of a measurement, from the sensor, the map and the residual of the compensation,
-    /// per sample.
+    /// Standard deviation of the error of each sample, including errors of the sensor, the map and the compensation.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
     /// Length of the window about each sample.
     window_s: f64, unit "s", default 60.0, rule Rule::Positive;
-    /// Treats a constant of the measurement as unknown.
+    /// Assumes that the measurement contains an unknown constant.
     unknown_constant: bool, unit "", default false;
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    /// Interpolation of the map. The field above its sources is smooth, so spline interpolation is more accurate than
+    /// bilinear interpolation.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its own height";
 }
 
 impl Stage for MapQuality {

@@ -17,14 +17,14 @@ stage! {
     /// Appends the value of a map at every sample: the anomaly `map_anomaly` and its slopes `map_grad_n`, `map_grad_e`,
     /// `map_grad_u` (per metre north, east and up).
     ///
-    /// Use it to compare a signal with the map, or to assess a map for navigation. The result is NaN for a sample off
-    /// the map, in a cell with an unknown node, or without a position. A map in eastings and northings is interpolated
-    /// on its native grid: the position is projected, and the slopes are rotated back to north and east.
+    /// Use `map_value` to compare a signal with the map, or to assess a map for navigation. The result is NaN for a
+    /// sample off the map, in a cell with an unknown node, or without a position. A map in eastings and northings is
+    /// interpolated on its native grid: the position is projected, and the slopes are rotated back to north and east.
     ///
-    /// By default the map is used at its native height and has no vertical slope. `map_levels_m` gives heights to which
-    /// the map is continued. The stage interpolates between them, so that the values follow climbs and descents. The
-    /// result is NaN for a sample more than half a step above or below the levels. Downward continuation amplifies
-    /// short wavelengths, so keep the levels at or above the map.
+    /// By default, the map is used at its own height, and `map_grad_u` is 0. `map_levels_m` gives the heights to which
+    /// the map is continued. The stage interpolates between these levels, so that the values follow climbs and
+    /// descents. The result is NaN for a sample more than half a step above or below the levels. Downward continuation
+    /// amplifies short wavelengths, so keep the levels at or above the height of the map.
     ///
     /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
     MapValue = "map_value", version 5, grain Line, role ReadsMap, inputs [input: Lines, map: Map],
@@ -39,10 +39,11 @@ map_levels_m = [300.0, 400.0]
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
     /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
     position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    /// Interpolation of the map. The field above its sources is smooth, so spline interpolation is more accurate than
+    /// bilinear interpolation.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its own height";
 }
 
 /// Value of the map at each sample.

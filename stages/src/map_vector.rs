@@ -27,22 +27,21 @@ stage! {
     /// true east, or down. A sweep over `component` gives all three.
     ///
     /// The anomaly is the component of the anomaly field along the core field. Above all sources the anomaly field is
-    /// the gradient of a potential. For the direction f of the core field and the wavenumber k, the spectra of the
-    /// components (east, north, up) are
+    /// the gradient of a potential. Let A be the spectrum of the anomaly, f the direction of the core field and k the
+    /// wavenumber. The spectra of the components (east, north, up) are then
     ///
     /// B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u \|k\|
     ///
-    /// of the spectrum A of the anomaly. The direction applies to the centre of the map. It follows from
-    /// `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to
-    /// true north.
+    /// The direction f is the direction at the centre of the map. It follows from `decimal_year`, or from
+    /// `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to true north.
     ///
-    /// \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified by up to
-    /// 1/sin \|I\|. Near the magnetic equator a map does not contain waves across the core field. Below 15 degrees of
-    /// inclination these waves are damped, the components are too small, and a warning is given. The mean and the trend
-    /// of a map have no direction. They are assumed to be parallel to the core field. The field beyond the map's edges
-    /// is unknown; discard a margin of 15 nodes. Inside it, components of dipoles below the map have errors of 1 % at
-    /// inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown nodes are filled by
-    /// minimum curvature for the transform and are unknown again in the result.
+    /// \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified by up to 1/sin \|I\|.
+    /// Near the magnetic equator, waves whose k is perpendicular to the core field are missing from the map. At
+    /// inclinations below 15 degrees, these waves are damped, the components are too small, and a warning is reported.
+    /// The mean and the trend of a map have no direction. They are assumed to be parallel to the core field. The field
+    /// beyond the map's edges is unknown; discard a margin of 15 nodes. Within this margin, components of dipoles below
+    /// the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5
+    /// degrees. Unknown nodes are filled by minimum curvature for the transform and are unknown again in the result.
     ///
     /// The result has the unit nT, but it is not a total-field anomaly: do not navigate with it. These are rejected: a
     /// draped map, a map of a derivative, and a direction that is missing or given twice.

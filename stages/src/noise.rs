@@ -22,13 +22,13 @@ stage! {
     /// Estimates the noise of a compensated signal on the lines that `where` selects. The true field comes from another
     /// magnetometer (`truth`) or, if that is unset, from a map, the core field and the diurnal variation.
     ///
-    /// The noise that `fit` reports is the residual on its calibration lines. It therefore includes the anomaly and the
-    /// effect of manoeuvres. `residual_noise` is more realistic: it uses lines flown over a map as in navigation, and
-    /// includes the error of the map. `assume_noise` assigns the result to other lines, and `navigate` uses it for
-    /// noise parameters that are `"auto"`. Do not select the lines that are navigated.
+    /// `fit` estimates the noise from the residual on its calibration lines. This noise therefore includes the anomaly
+    /// and the effect of manoeuvres. `residual_noise` is more realistic: it uses lines flown over a map as in
+    /// navigation, and includes the error of the map. `assume_noise` assigns the result to other lines, and `navigate`
+    /// uses it for noise parameters that are `"auto"`. Do not select the lines that are navigated.
     ///
     /// The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts that together bound
-    /// the Allan variance of the lines. A constant has no effect. A time constant longer than the lines cannot be
+    /// the Allan variance of the lines. A constant error has no effect. A time constant longer than the lines cannot be
     /// resolved. Lines without a run of 16 s are rejected.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
@@ -48,8 +48,8 @@ truth = "mag_1_c"
 }
 
 stage! {
-    /// Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`, `mag_fogm_sigma` and
-    /// `mag_fogm_tau`, equal for all samples. These columns replace the columns of `compensate`.
+    /// Appends the noise parameters that `residual_noise`, `fogm_noise` or `fit` estimated: `mag_sigma`,
+    /// `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples. These columns replace those from `compensate`.
     AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
     example r#"
 [[stages]]

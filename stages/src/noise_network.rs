@@ -34,14 +34,14 @@ stage! {
     /// the lines that are navigated.
     ///
     /// The network minimises the negative log-likelihood of the innovations, which requires no truth. With `loss =
-    /// "position"` it minimises the negative log-likelihood of the true position, `lat` and `lon`. Its derivatives are
-    /// propagated back through the network and through the covariance and state of the filter. Lines are prepared as in
-    /// `navigate`, which has the same keys: use equal values there. With `tuning = "auto"` the noise of each line is
-    /// estimated first, and the network learns how the noise changes along the line.
+    /// "position"` it minimises the negative log-likelihood of the true position, `lat` and `lon`. The derivatives of
+    /// the loss are propagated back through the network and through the covariance and state of the filter. Lines are
+    /// prepared as in `navigate`, which has the same keys; set them to the same values in both stages. With `tuning =
+    /// "auto"` the noise of each line is estimated first, and the network learns how the noise changes along the line.
     ///
     /// The table holds the weights, the scaling of the inputs, and the mean loss of each epoch (`epoch_loss`;
     /// `initial_loss` is the loss of `ekf`). A loss that does not fall means that the inputs do not predict the noise;
-    /// the filter then equals `ekf`. Rows that `where` does not select have no measurement. Lines of different sample
+    /// the filter then equals `ekf`. Rows that `where` does not select have no measurement. Lines with different sample
     /// rates are rejected.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Kingma & Ba 2015.
@@ -57,11 +57,12 @@ offset_window_s = 1.0
 core_field      = false
 epochs          = 2
 "#;
-    /// Noise that the network sets: of the measurement (`"r"`), of the temporal variation (`"q"`), or both.
+    /// Noise that the network sets: measurement noise (`"r"`), noise of the temporal variation (`"q"`), or both.
     network_noise: NetworkNoise, unit "", default NetworkNoise::R;
     /// Quantity whose negative log-likelihood is the loss: the innovations or the true position.
     loss: NoiseLoss, unit "", default NoiseLoss::Likelihood;
-    /// Columns that are further inputs of the network, such as currents. A value that is not finite is rejected.
+    /// Columns that are additional inputs of the network, such as electric currents. Values that are not finite are
+    /// rejected.
     features: Option<Vec<String>>, unit "", absent "none";
     /// Number of units in the layer of the network.
     hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 256.0);
@@ -69,9 +70,9 @@ epochs          = 2
     limit: f64, unit "1", default 10.0, rule Rule::Between(1.01, 1e4);
     /// Number of passes through the lines.
     epochs: usize, unit "1", default 30usize, rule Rule::Between(1.0, 1e5);
-    /// Length of time over which derivatives are propagated back.
+    /// Time span over which derivatives are propagated back.
     window_s: f64, unit "s", default 200.0, rule Rule::Positive;
-    /// Learning rate of the first step. It falls to 0 along half a period of a cosine.
+    /// Learning rate of the first step. The rate then falls to 0 along half a period of a cosine.
     learning_rate: f64, unit "1", default 0.01, rule Rule::Positive;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;

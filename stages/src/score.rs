@@ -62,25 +62,26 @@ pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {
 stage! {
     /// Scores each line: a compensated signal against the truth, and a track against the true positions.
     ///
-    /// `input` names one or several tables with the same samples, for example the table with the compensated signal and
+    /// `input` names one or several tables with the same samples, for example the table of the compensated signal and
     /// the table of the track. If `metrics` is unset, the stage scores all built-in metrics that can be computed from
     /// these tables. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of samples (for crossings:
     /// number of pairs). Rows with a NaN are excluded from a metric and its `n`; a metric without samples has a null
-    /// value. A metric that cannot be computed for a line has a null value and the reason in `note`. An example is an
-    /// upper corner above half the sample rate. The other metrics are kept. The run reports a warning, or fails if
-    /// `metrics` names the metric.
+    /// value. A metric that cannot be computed for a line, for example because `high_hz` exceeds half the sample rate,
+    /// has a null value and the reason in `note`. The other metrics are kept. The run reports a warning, or fails if
+    /// `metrics` lists the metric.
     ///
     /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
-    /// score, or to choose a parameter in a search. Such a score is an error of the fit, not of a prediction, and is
-    /// never selected as the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth, so
-    /// it does not make the line in sample. Models read from files are assumed to be fitted to other lines.
+    /// score, or to choose a parameter in a search. Such a score measures the error of the fit, not of a prediction,
+    /// and is never selected as the best of a sweep. The noise that `navigate` estimates on the navigated line does not
+    /// put the line in sample, because the estimate uses no truth data. Models read from files are assumed to be fitted
+    /// to other lines.
     ///
     /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
     /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius,
-    /// `spread` holds the quantiles of its samples, from which the pooled radius is computed.
+    /// `spread` holds quantiles of the samples' errors, from which the pooled radius is computed.
     ///
-    /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are computed from the
-    /// signals alone and include the anomaly. The run lists the metrics that a truth would add.
+    /// With `truth`, errors are relative to the truth. Without it, `std_uncompensated` and the ratios are computed from
+    /// the signals alone and include the anomaly. The run lists the metrics that require `truth`.
     ///
     /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
     /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
@@ -88,10 +89,10 @@ stage! {
     /// offset when the measurement also has an unknown constant. It assumes independent sample errors of
     /// `map_sigma_nt`; correlated errors, such as those of maps and the temporal variation, increase the actual error.
     ///
-    /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
-    /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
-    /// a consistent filter. Innovations on both sides of a sample without a measurement do not count as neighbours.
-    /// `correlated_nis` is the NIS of averages of innovations.
+    /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests with a 95 %
+    /// band. `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected
+    /// values for a consistent filter. Innovations on both sides of a sample without a measurement do not count as
+    /// neighbours. `correlated_nis` is the NIS of averages of innovations.
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
     /// Kirubarajan 2001, section 5.4; Mehra 1970.
@@ -103,7 +104,7 @@ stage = "score"
 input = ["compensate", "navigate"]
 truth = "mag_1_c"
 "#;
-    /// Column with the true signal, such as `mag_1_c`.
+    /// Column of the true signal, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "metrics that require the truth are not scored";
     /// Metrics to score.
     metrics: ChoiceSubset<Scorer>, unit "", absent "all built-in metrics that can be computed from the inputs";

@@ -21,15 +21,15 @@ stage! {
     /// Divides each line into straight parts, turns and manoeuvres. Appends `segment`, the number of the part from 1,
     /// and `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` if the heading is missing.
     ///
-    /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaws of a
-    /// calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. Manoeuvres are
-    /// detected within straight parts. In a manoeuvre, the band-passed columns of `attitude` (angles, or components of
-    /// a vector magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches,
-    /// rolls and yaws of a calibration box. Boundaries are accurate to the length of the window.
+    /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaw manoeuvres
+    /// of a calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. Manoeuvres
+    /// are detected within straight parts. In a manoeuvre, the root mean square of the band-passed columns of
+    /// `attitude` (angles, or components of a vector magnetometer) over `window_s` exceeds `manoeuvre`. Examples are
+    /// the pitch, roll and yaw manoeuvres of a calibration box. Boundaries are accurate to within one window length.
     ///
     /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts as one line. Samples must be evenly
-    /// spaced. A gap in time or a missing heading ends a segment. A run shorter than the window is `none`. The heading
-    /// may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
+    /// spaced. A gap in time or a missing heading ends a segment. A run shorter than the window has the kind `none`.
+    /// The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
     Segments = "segments", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -46,15 +46,16 @@ attitude = ["heading"]
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
     /// Minimum turn rate of a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
-    /// Minimum change of heading in a turn.
+    /// Minimum change in heading in a turn.
     turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
     /// Shortest straight part.
     least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;
-    /// Columns that show manoeuvres, all with one unit.
+    /// Columns that show manoeuvres, all in the same unit.
     attitude: Vec<String>, unit "", default Vec::<String>::new();
-    /// Threshold of a manoeuvre: root mean square of the sum of the columns of `attitude`, in their unit.
+    /// Threshold of a manoeuvre: square root of the sum of the columns' mean squares over `window_s`, in the unit of
+    /// `attitude`.
     manoeuvre: f64, unit "", default 2.0, rule Rule::Positive;
-    /// Lower corner frequency of the band-pass of `attitude`.
+    /// Lower corner frequency of the band-pass filter for `attitude`.
     low_hz: f64, unit "Hz", default 0.05, rule Rule::NotNegative;
     /// Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
     high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;

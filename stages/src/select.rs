@@ -28,7 +28,7 @@ input = "resample"
 rows  = "mag_4_uc is not null and alt > 0"
 drop  = ["mag_5_uc"]
 "#;
-    /// Predicate for the rows that are kept, such as `radar > 100 and abs(roll) < 5`.
+    /// Predicate that selects the rows to keep, such as `radar > 100 and abs(roll) < 5`.
     rows: Option<String>, unit "", absent "all";
     /// Columns that are kept.
     columns: Option<Vec<String>>, unit "", absent "all columns except those of `drop`";

@@ -25,17 +25,17 @@ use schemas::{
 use crate::columns::{array, data, faults_of, floats, shape};
 
 stage! {
-    /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The INS is added to a flight without
-    /// one, or replaces the flight's INS. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
+    /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The simulated INS data are added to the
+    /// flight, or replace its INS data. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
     /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which
     /// `navigate` reads like measured columns.
     ///
-    /// The truth is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude (`roll`, `pitch`, `yaw`)
-    /// are used if all three columns exist. Missing velocities are derived from the positions, and specific forces from
-    /// the velocities. A missing attitude is assumed to be level, with the yaw along the course. Derivatives amplify
-    /// the noise of a GNSS receiver, and the specific force is a second derivative. Positions and velocities are
-    /// therefore first smoothed over `smooth_s`. Apart from the effect of smoothing, the INS then has only its own
-    /// errors and no jitter of the receiver.
+    /// The true position is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude (`roll`, `pitch`,
+    /// `yaw`) are used if all three columns of each exist. Missing velocities are derived from the positions, and
+    /// specific forces from the velocities. If the attitude is missing, the aircraft is assumed to be level, with the
+    /// yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
+    /// derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect of
+    /// smoothing, the INS data then contain only INS errors and no receiver jitter.
     ///
     /// Each line begins with a new alignment. Its errors are random, with the standard deviations of the `init_*` keys.
     /// They depend only on `seed` and the names of flight and line. Lines with the same seed and names have the same
@@ -43,7 +43,7 @@ stage! {
     /// the statistics of a grade.
     ///
     /// The stage rejects a NaN in position, velocity or attitude, times that do not increase, a line of one sample, and
-    /// an INS with an error above 1,000 km. An existing INS is rejected unless `replace = true`.
+    /// an INS error above 1,000 km. Existing INS data are rejected unless `replace = true`.
     ///
     /// Source: Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables 9 and 10.
     SimulateIns = "simulate_ins", version 3, grain Line, inputs [input: Lines], groups [ins: InsErrorSpec],
@@ -59,11 +59,11 @@ replace   = true
     /// with errors. The mechanisation is accurate for errors of any size.
     method: ErrorPropagation, unit "", default ErrorPropagation::ErrorModel;
     /// Length of the window in which parabolas are fitted to smooth positions and velocities. The weights fall to 0 at
-    /// its ends. 0 switches smoothing off.
+    /// the ends of the window. 0 switches smoothing off.
     smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
-    /// Replaces an existing INS of the flight.
+    /// Replaces existing INS data of the flight.
     replace: bool, unit "", default false;
 }
 

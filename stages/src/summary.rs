@@ -25,9 +25,9 @@ stage! {
     /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
     /// Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are weighted by the number
-    /// of samples. `cep` and `r95` are radii of the samples of all lines. Numbers of samples are added. The interval
-    /// consists of percentiles over `draws` resamples of lines with replacement. Whole lines are resampled because the
-    /// errors within a line are correlated. A single line has no interval (null).
+    /// of samples. `cep` and `r95` are radii of the samples of all lines. Sample counts are added. The bounds of the
+    /// interval are percentiles over `draws` resamples of the lines, drawn with replacement. Whole lines are resampled
+    /// because the errors within a line are correlated. A single line has no interval (null).
     ///
     /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the in-sample
     /// lines, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
@@ -37,8 +37,8 @@ stage! {
     /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled
     /// `std_error` of all other lines, in sample or not, divided by the pooled `std_error` of the training lines.
     /// Without `std_error` it uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as
-    /// accurate on new lines as on its training lines, and larger for one that overfits. In its resamples, training
-    /// lines are drawn only from training lines, and other lines only from other lines.
+    /// accurate on new lines as on its training lines, and larger for one that overfits. For its interval, training
+    /// lines and other lines are resampled separately.
     ///
     /// Source: van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, role PoolsScores, inputs [input: Scores],
@@ -56,7 +56,7 @@ input = "score"
     level: f64, unit "1", default 0.95, rule Rule::Between(0.5, 0.999);
     /// Number of resamples.
     draws: usize, unit "", default 1000usize, rule Rule::Between(10.0, 100000.0);
-    /// Seed of the resamples.
+    /// Seed for the resamples.
     seed: usize, unit "", default 0usize;
 }
 

@@ -30,7 +30,7 @@ choice! {
 stage! {
     /// Appends `target`, one of the five targets of Gnadt 2022 to which models are fitted.
     ///
-    /// | type | target | a model of it predicts |
+    /// | type | target | a model fitted to it predicts |
     /// |---|---|---|
     /// | `a` | truth minus core field and diurnal variation | the anomaly |
     /// | `b` | value of the map | the anomaly |
@@ -38,12 +38,12 @@ stage! {
     /// | `d` | magnetometer minus truth | the aircraft field |
     /// | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
     ///
-    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. Apply a model
-    /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
+    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. To apply a
+    /// model of the anomaly, set `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
     /// `map_value` computes.
     ///
     /// The column has the role truth: it may be a target but not a feature. The result is NaN for a sample with a
-    /// missing term. The metadata `removed` list the corrections, so that no later stage repeats them.
+    /// missing term. The metadata entry `removed` lists the corrections, so that no later stage repeats them.
     ///
     /// Source: Gnadt 2022, section 3.7.
     Target = "target", version 2, grain Line, inputs [input: Lines],
@@ -63,9 +63,9 @@ truth = "mag_1_c"
     /// Column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
     /// Subtracts the core field `igrf` from targets `a`, `c` and `e`.
-    remove_core: Option<bool>, unit "", absent "true, unless it has already been removed";
+    remove_core: Option<bool>, unit "", absent "true, unless the correction has already been applied";
     /// Subtracts the diurnal variation `diurnal` from targets `a`, `c` and `e`.
-    remove_diurnal: Option<bool>, unit "", absent "true, unless it has already been removed";
+    remove_diurnal: Option<bool>, unit "", absent "true, unless the correction has already been applied";
 }
 
 impl Target {

@@ -30,25 +30,26 @@ stage! {
     /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
     /// regression. `sd` is the standard deviation of each node.
     ///
-    /// Use it to plot, score and navigate on the anomaly that an aircraft measured without a map. `track` is the table
-    /// of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements of
-    /// `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that are
-    /// first levelled and cleaned, use `map_grid`.
+    /// Use `track_map` to plot and score an anomaly that was measured without a map, and to navigate on it. `track` is
+    /// the table of a `navigate` stage, for example with the filter `slam`. Its `lat`, `lon` and `alt` are the
+    /// positions of the measurements in `input`. Without `track`, the positions are the flight's own `lat`, `lon` and
+    /// `alt`, from GNSS. If the survey lines require levelling and the removal of outliers, use `map_grid`.
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
-    /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
-    /// constant, and each flight its own temporal variation. The kernel is the same as in `slam`, fitted by maximum
-    /// likelihood to segments of the lines. The map is at the mean height of the measurements; height differences are
-    /// treated as noise.
+    /// number of equations therefore does not depend on the length of the flight. Each line may have its own constant,
+    /// and each flight its own temporal variation. The kernel is the same as in `slam`, fitted by maximum likelihood to
+    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
+    /// noise.
     ///
-    /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as
-    /// measurement noise and is included in `sd`. An error common to the whole track shifts the map. The measurements
-    /// do not reveal it, so `sd` is only as accurate as the covariance of the track. Nodes with an `sd` above
-    /// `max_sd_nt` are unknown.
+    /// The effect of the track's position covariance (`sd_n`, `sd_e`, `cov_ne`) on a sloping map counts as measurement
+    /// noise and is included in `sd`. An error common to the whole track shifts the map. The measurements do not reveal
+    /// it, so `sd` is only as accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are
+    /// unknown.
     ///
-    /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects lines
-    /// and tracks with different samples, a core field without a date, and an area that is too large for the length of
-    /// the kernel. Divide such an area by `bounds`; measurements more than three lengths beyond them are skipped.
+    /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects a
+    /// track whose samples differ from those of its line, a core field without a date, and an area that is too large
+    /// for the kernel length. Divide such an area with `bounds`; measurements more than three kernel lengths beyond the
+    /// bounds are skipped.
     ///
     /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset,
     /// Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
@@ -77,10 +78,10 @@ spacing_m       = 500.0
         absent "true if the flight has a column `diurnal` that has not yet been subtracted from the measurement";
     /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
+    /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation, north and east, that is added to the standard deviation of the track. It describes an error
-    /// that the track's covariance omits, such as the error of `slam` before its first revisit.
+    /// Standard deviation, north and east, of an additional position error of the track. This error is one that the
+    /// track's covariance omits, such as the error of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -97,12 +98,13 @@ spacing_m       = 500.0
     /// Standard deviation of the constant of each line, if there are several lines; 0 for none.
     line_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Distance between nodes.
-    spacing_m: Option<f64>, unit "m", absent "a sixth of the length of the kernel", rule Rule::Positive;
+    spacing_m: Option<f64>, unit "m", absent "a sixth of the kernel length", rule Rule::Positive;
     /// West, south, east and north bounds of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
-    /// Largest standard deviation of a known node. Nodes above it are unknown.
+    /// Largest standard deviation of a known node. Nodes with a larger one are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
-    /// Maximum number of functions in the expansion of the anomaly. Computing time grows with its third power.
+    /// Maximum number of functions in the expansion of the anomaly. Computing time grows with the third power of this
+    /// number.
     max_functions: usize, unit "1", default 3000usize, rule Rule::Between(1.0, 20_000.0);
     /// EPSG code of the map's coordinate system.
     to_epsg: Option<usize>, unit "", absent "the UTM zone of the measurements", rule Rule::Between(1.0, 65535.0);

@@ -8,13 +8,14 @@ use numerics::navigation::ins_error::InsErrorModel;
 params! {
     /// The table `gnss`: a receiver whose positions and velocities have white noise.
     pub struct GnssReceiver, all default;
-    /// Standard deviation of the position, for each horizontal axis.
+    /// Standard deviation of the position along each horizontal axis.
     sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the height.
     alt_sigma_m: f64, unit "m", default 4.0, rule Rule::Positive;
     /// Standard deviation of each component of the velocity.
     velocity_sigma_mps: f64, unit "m/s", default 0.1, rule Rule::Positive;
-    /// Time between two positions, from the first sample of each line. The samples between them have no position.
+    /// Time between successive positions, starting at the first sample of each line. The samples between them have no
+    /// position.
     interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
 }
 

@@ -77,9 +77,9 @@ params! {
     doy: usize, unit "", default 1usize, rule Rule::Between(1.0, 366.0);
     /// Sampling rate.
     rate_hz: f64, unit "Hz", default 10.0, rule Rule::Between(0.1, 1000.0);
-    /// Standard deviation of small motions in roll, pitch and yaw, which leave the track unchanged.
+    /// Standard deviation of small motions in roll, pitch and yaw. They do not change the track.
     gusts_deg: [f64; 3], unit "deg", default [0.0; 3], rule Rule::Between(0.0, 20.0);
-    /// Writes each part of each reading as a column `part_<part>_<column>`.
+    /// Writes each part of each reading to a column `part_<part>_<column>`.
     component_columns: bool, unit "", default false;
 }
 

@@ -12,13 +12,13 @@ params! {
     pub struct FlightOptions, all default;
     /// Name of the format.
     format: Option<String>, unit "", default None, absent "detected from content and extension";
-    /// Message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the
-    /// root of a MATLAB file).
+    /// Message, topic or array to read from a log that holds several, such as `MAG` or `sensor_mag:1`. The value `.`
+    /// selects the vectors at the root of a MATLAB file.
     topic: Option<String>, unit "", default None, absent "the only topic of the file";
     /// Canonical name of each column, by its name in the file. If the name in the file contains a unit (`GPS Lat
-    /// (rad)`, `Alt ft`, `Mag_mgauss`), the column has this unit. A unit that cannot be converted is an error.
+    /// (rad)`, `Alt ft`, `Mag_mgauss`), the column takes this unit. A unit that cannot be converted is rejected.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// Units of columns, by their names in the file. They override names and metadata.
+    /// Unit of each column, by its name in the file. It overrides units in names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Strings and numbers that mark a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
     /// empty cell, -99999 and Geosoft's -1e32.
@@ -52,10 +52,10 @@ params! {
     alt_m: Option<f64>, unit "m", default None, absent "read from the file";
     /// Unit of the anomaly. It overrides the file.
     unit: Option<String>, unit "", default None, absent "read from the file, else nT";
-    /// Component of a map of three components, such as MagNav.jl's `EMM720_World.h5`. Its values are not a total-field
-    /// anomaly.
+    /// Component to read from a map with three components, such as MagNav.jl's `EMM720_World.h5`. Its values are not a
+    /// total-field anomaly.
     field_component: Option<VectorComponent>, unit "", default None, absent "the map holds the total-field anomaly";
-    /// Numbers that mark an unknown value, in addition to the markers in the file and the usual markers (the largest
+    /// Numbers that mark an unknown value, in addition to the file's own markers and the usual markers (the largest
     /// single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Plausibility checks that are disabled for this map.

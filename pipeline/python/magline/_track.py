@@ -86,7 +86,7 @@ class Track:
         Warnings about an untrustworthy track: the warnings of a run that scores this track. With
         the true positions ``lat`` and ``lon`` in ``columns`` they cover the errors too.
     notes : list of str
-        Choices that magline made because the arguments did not.
+        Choices that the arguments left to magline.
     """
 
     tt_s: Vector

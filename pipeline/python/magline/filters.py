@@ -1,9 +1,8 @@
 """Navigation filters on arrays of one flight line.
 
-Each filter of the stage ``navigate`` is a function. Its results are bit-identical to the results of
-the stage on the same line, map and keys. The keyword arguments are the keys of the stage and of the
-filter; unset keys have the defaults of the stage, such as ``tuning="auto"``. `magline.stream` has
-filters fed sample by sample.
+Each filter of the stage ``navigate`` is a function. Its results are bit-identical to the results of the stage on the
+same line, map and keys. The keyword arguments are the keys of the stage and of the filter; unset keys have the defaults
+of the stage, such as ``tuning="auto"``. The filters in `magline.stream` take one sample at a time.
 """
 
 from __future__ import annotations
@@ -39,9 +38,9 @@ def navigate(
     rate_hz: float | None = None,
     **keys: Any,
 ) -> Track:
-    """Filter of this name on one line, for filters that this module does not have.
+    """Run a filter by its name on one line, for filters without a function in this module.
 
-    These are filters made by `magline.filter`, ``ekf_online_nn`` and ``nekf``.
+    These are ``ekf_online_nn``, ``nekf`` and filters registered with `magline.filter`.
 
     Parameters
     ----------

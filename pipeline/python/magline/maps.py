@@ -208,8 +208,8 @@ def vector(
     Warns
     -----
     UserWarning
-        If the inclination is within 15 degrees of the horizontal. The map does not determine waves
-        across the core field, and the components are too small.
+        If the inclination is within 15 degrees of the horizontal. Waves perpendicular to the core field are then
+        missing from the map, and the components are too small.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Metrics of position errors and of compensated signals.
 
-A sample with a value that is not finite is excluded, and the result is NaN without samples.
-`position_nees` has one result per sample and excludes none.
+Samples with values that are not finite are excluded. The result is NaN if no samples remain. `position_nees` has one
+result per sample and excludes none.
 """
 
 from __future__ import annotations

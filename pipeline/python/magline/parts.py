@@ -1,13 +1,13 @@
 """Parts of a pipeline that are written in Python: stages, models, filters and metrics.
 
-A decorator registers a part for this process. Specs then use its name as they use a built-in one. Its key consists of
-name, version, parameters and a hash of its source, so an edit computes its results again.
+A decorator registers a part for this process. Specs then use its name like that of a built-in part. Its key consists of
+name, version, parameters and a hash of its source, so its results are recomputed after an edit.
 
 The hash covers the source text of the function or class, and the functions, classes and constants of the same module
 that it names. It also covers the items of `depends`: functions, classes, files (`pathlib.Path`) and modules. A module
-with `__version__` counts by its version, any other by its source. The hash does not cover imported modules that
-`depends` does not list, files that the code reads, environment variables, and global objects other than numbers, text,
-lists, dicts and NumPy arrays.
+with `__version__` is identified by its version, any other module by its source. The hash does not cover imported
+modules that `depends` does not list, files that the code reads, environment variables, and global objects other than
+numbers, text, lists, dicts and NumPy arrays.
 
 Examples
 --------
@@ -83,11 +83,11 @@ def stage(
     makes
         Columns that it makes, with their units or as `Column`.
     version
-        Version, in the key of the results.
+        Version, which is part of the key of the results.
     name
         Name in a spec. Default: the name of the function.
     depends
-        Functions, classes, modules and files whose change also changes the results.
+        Other functions, classes, modules and files on which the results depend.
 
     Raises
     ------
@@ -167,10 +167,10 @@ def model(
 ) -> Any:
     """Register a model of `fit`: a class, or a function that returns an estimator.
 
-    The estimator has ``fit(x, y)`` and ``predict(x)``, as those of scikit-learn: ``x`` is (n, k), one column per entry
-    of `features`; ``y`` (nT) is (n,). The rows are the unfiltered samples of all lines of the fit, without rows that
-    have a NaN. `predict` returns (n,), nT, or a pair of prediction and standard deviation. `fit` may also accept
-    ``groups`` (the number of the line of each row) and ``names`` (the names of the columns).
+    The estimator has ``fit(x, y)`` and ``predict(x)``, like an estimator of scikit-learn: ``x`` is (n, k), one column
+    per entry of `features`; ``y`` (nT) is (n,). The rows are the unfiltered samples of all lines of the fit, without
+    rows that have a NaN. `predict` returns (n,), nT, or a pair of prediction and standard deviation. `fit` may also
+    accept ``groups`` (the number of the line of each row) and ``names`` (the names of the columns).
 
     The arguments of the class or function are the parameters of the model. Arguments without an annotation have the
     type of their default; those with the default ``None`` are not parameters.
@@ -184,13 +184,13 @@ def model(
     made
         Class or function. Without it, `model` is a decorator.
     version
-        Version, in the key of the results.
+        Version, which is part of the key of the results.
     name
         Name in a spec. Default: the name of the class or function.
     keys
         Arguments that are parameters. Default: all with a known type.
     depends
-        Functions, classes, modules and files whose change also changes the results.
+        Other functions, classes, modules and files on which the results depend.
 
     Examples
     --------
@@ -238,13 +238,13 @@ def filter(
     Parameters
     ----------
     version
-        Version, in the key of the results.
+        Version, which is part of the key of the results.
     needs_map
         Whether the filter uses a map.
     name
         Name in a spec. Default: the name of the function.
     depends
-        Functions, classes, modules and files whose change also changes the results.
+        Other functions, classes, modules and files on which the results depend.
 
     Examples
     --------
@@ -287,7 +287,7 @@ def metric(
     unit
         Unit of the value; ``"1"`` for none.
     version
-        Version, in the key of the results.
+        Version, which is part of the key of the results.
     pool
         Pooling over lines: root mean square or mean, weighted by samples, or sum.
     better
@@ -295,7 +295,7 @@ def metric(
     name
         Name in a spec. Default: the name of the function.
     depends
-        Functions, classes, modules and files whose change also changes the results.
+        Other functions, classes, modules and files on which the results depend.
 
     Examples
     --------

@@ -73,7 +73,7 @@ class Failure:
     error : str
         Error message.
     fault : Fault
-        Same error, with its owner, place and remedy as attributes.
+        The same error, with its owner, place and remedy as attributes.
 
     Examples
     --------

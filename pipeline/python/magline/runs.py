@@ -37,7 +37,7 @@ class Check:
     points : int
         Maximum number of points, summed over all tables.
     notes : list of str
-        Choices that magline makes because the spec does not, such as the reference of a score.
+        Choices that the spec leaves to magline, such as the reference of a score.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Run:
     failures : list of Failure
         Units that could not be computed.
     notes : list of str
-        Choices that magline made because the spec did not.
+        Choices that the spec left to magline.
     counts : dict of str to dict
         For each table: the number of units ``computed``, ``reused``, ``failed`` and ``skipped``,
         and the duration ``seconds``, s.
@@ -199,7 +199,7 @@ class Run:
         return _magline.explain(*self._source)
 
     def why(self, table: str) -> str:
-        """Changes since a table was last computed, as text. They cause a recomputation.
+        """Changes since a table was last computed that cause a recomputation, as text.
 
         Parameters
         ----------

@@ -65,7 +65,7 @@ class TableHandle:
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis of a sweep. A stage that has it as the value of a key is run for each of its values.
+    """Axis of a sweep. A stage with the axis as the value of a key runs for each value of the axis.
 
     Its text is ``$NAME``, for use in a ``where``: ``f"flight = '{plan}'"``.
 
@@ -210,7 +210,7 @@ class Spec(StageMethods):
     def axis(self, name: str, values: Sequence[Any] | NDArray[Any]) -> Axis:
         """Declares an axis of the sweep.
 
-        A stage that has the axis as the value of a key is run for each value of the axis.
+        A stage with the axis as the value of a key runs for each value of the axis.
 
         Parameters
         ----------
@@ -234,7 +234,7 @@ class Spec(StageMethods):
         return Axis(name, self)
 
     def stage(self, kind: str, /, **keys: Any) -> TableHandle:
-        """Adds a stage by its kind, for stages, models, filters and metrics of one's own.
+        """Adds a stage by its kind, including stages, models, filters and metrics written in Python.
 
         Parameters
         ----------
@@ -316,9 +316,8 @@ class Spec(StageMethods):
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the spec as a TOML file, which replaces an existing file.
 
-        Relative paths of the spec are rewritten if the file is in another folder, so that they name
-        the same files. The results have the same keys, so that a run of the file computes only
-        results that the store does not have.
+        Relative paths of the spec are rewritten if the file is in another folder, so that they name the same files. The
+        results have the same keys, so a run of the file computes only results that are missing from the store.
 
         Returns
         -------

@@ -93,7 +93,7 @@ class Fix:
 
 
 class FilterStream:
-    """Filter that takes one sample after the other; made by `ekf`, `adaptive` and `online`.
+    """Filter that takes one sample at a time; created by `ekf`, `adaptive` and `online`.
 
     Examples
     --------
@@ -142,9 +142,9 @@ class FilterStream:
         Raises
         ------
         ValueError
-            If the sample is late, a duplicate, or too long after the last one, if a value of the
-            INS is not finite, or if the number of values is wrong. The filter is then unchanged.
-            Also if the filter diverges; it is then stopped.
+            If the sample is late, a duplicate, or too long after the last one, if a value of the INS is not finite, or
+            if the number of values is wrong. The filter is then unchanged. A filter that diverges also raises this
+            error, and is then stopped.
         """
         values = [float(value) for value in ins]
         nt, sigma = np.atleast_1d(measurement_nt).tolist(), np.atleast_1d(sigma_nt).tolist()
@@ -187,7 +187,7 @@ def ekf(
     max_gap_s: float = 10.0,
     gate_nis: float | None = None,
 ) -> FilterStream:
-    """Extended Kalman filter of a compensated magnetometer, fed sample by sample.
+    """Extended Kalman filter for a compensated magnetometer, fed sample by sample.
 
     The results are bit-identical to those of the filter ``ekf`` on the whole line.
 
@@ -248,8 +248,8 @@ def adaptive(
 ) -> FilterStream:
     """Filter ``ekf_adaptive``, fed sample by sample. It estimates the noise of the measurements.
 
-    ``bounds_nt`` has the lower and upper bound of the noise of each magnetometer, nT, and ``window``
-    is the number of innovations in the estimate. `ekf` describes the other parameters and the errors.
+    ``bounds_nt`` holds the lower and upper bounds on the noise of each magnetometer, nT, and ``window`` is the number
+    of innovations in the estimate. `ekf` describes the other parameters and the errors.
 
     Examples
     --------
@@ -277,9 +277,9 @@ def online(
 ) -> FilterStream:
     """Filter ``ekf_online_tl``, fed sample by sample. It estimates the aircraft's field in flight.
 
-    ``magnetometers`` has, for each uncompensated magnetometer, the mean and the standard deviation of
-    the prior of its coefficients, and the spectral density of their random walk (per second). `ekf`
-    describes the other parameters and the errors. Each sample requires the terms of all magnetometers.
+    ``magnetometers`` holds, for each uncompensated magnetometer, the mean and the standard deviation of the prior of
+    its coefficients, and the spectral density of their random walk (per second). `ekf` describes the other parameters
+    and the errors. Each sample requires the terms of all magnetometers.
 
     Examples
     --------

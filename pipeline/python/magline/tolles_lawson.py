@@ -113,9 +113,9 @@ def a_matrix(
     flux : array_like, shape (samples, 3)
         Vector magnetometer in the body frame (nose, right wing, down), nT.
     rate_hz : float, optional
-        Sample rate, Hz. It only serves as a check: if ``tt`` is given, the rates must agree within
-        1 %. The matrix does not depend on the rate, because dB is per sample. Apply coefficients
-        of eddy and derivative terms only to data of the same sample rate. Default: no check.
+        Sample rate, Hz. It only serves as a check: if ``tt`` is given, the rates must agree within 1 %. The matrix does
+        not depend on the rate, because dB is per sample. Apply coefficients of eddy and derivative terms only to data
+        with the same sample rate. Default: no check.
     terms : sequence of str, optional
         Groups of terms. ``permanent`` has 3 terms, ``induced`` 6, ``eddy`` 9, ``derivative`` 3 and
         ``bias`` 1. ``induced5`` and ``eddy8`` omit the term zz; ``induced3`` and ``eddy3`` have
@@ -192,9 +192,8 @@ def fit(
     filtered. For one line, with ``tt``, the coefficients are then bit-identical to the coefficients
     of the stage ``fit`` with the model ``tolles_lawson``.
 
-    A run is a sequence of finite rows without a gap in ``tt``. The coefficients of the eddy terms
-    hold for the sample rate of ``a``, because these terms contain changes per sample: compensate
-    only data of the same rate.
+    A run is a sequence of finite rows without a gap in ``tt``. The coefficients of the eddy terms hold for the sample
+    rate of ``a``, because these terms contain changes per sample: compensate only data with the same rate.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ END_S = 5.0
 class View:
     """Server of a store on the loopback interface of this machine. It ends with this process, or with `close`.
 
-    A notebook shows the page in a frame. The frame is empty if the notebook's server and the browser
-    are on different machines; then forward the port, with the same number.
+    A notebook shows the page in a frame. The frame is empty if the notebook's server and the browser are on different
+    machines; in this case, forward the port under the same number.
 
     Parameters
     ----------

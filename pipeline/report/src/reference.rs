@@ -40,7 +40,7 @@ pub fn page(catalogue: &[StageEntry]) -> String {
         let _ = writeln!(out, "| `{key}` | {meaning} |");
     }
     out.push('\n');
-    out.push_str("A table of files (`[tables.NAME]`) has the key `path` and these keys:\n\n");
+    out.push_str("In addition to `path`, a table of files (`[tables.NAME]`) has these keys:\n\n");
     let lists = ChoiceRegistry::default();
     let of_flights = [FlightOptions::docs(&lists), MappingOptions::docs(&lists)].concat();
     for (what, docs) in [("flights", of_flights), ("a map", MapOptions::docs(&lists))] {

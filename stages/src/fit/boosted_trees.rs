@@ -24,23 +24,24 @@ model! {
     /// outside the range of the training data, so it does not follow drifts or attitudes outside this range.
     ///
     /// Source: Friedman 2001; Chen & Guestrin 2016; Ke et al. 2017. scikit-learn's `HistGradientBoostingRegressor`
-    /// gives the same trees if columns have up to 256 values.
+    /// gives the same trees for columns with at most 256 distinct values.
     BoostedTrees = "boosted_trees", version 1, scaling None, intercept true, made of Samples, choose [Given], takes [],
     example "trees = 20";
-    /// Inputs of the trees: entries of `features`, each given by its name or by a prefix (the part before a `_`) that
-    /// selects all names beginning with it.
+    /// Inputs of the trees: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;
+    /// it selects all names that begin with it.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
-    /// Factor applied to each tree, also called learning rate. Halving it requires twice as many trees.
+    /// Factor applied to each tree, also called the learning rate. Halving it requires twice as many trees.
     shrinkage: f64, unit "1", default 0.1, rule Rule::Between(1e-6, 1.0);
-    /// Maximum number of leaves of a tree.
+    /// Maximum number of leaves per tree.
     leaves: usize, unit "1", default 31usize, rule Rule::Between(2.0, 65_536.0);
     /// Maximum number of splits above a leaf.
     depth: Option<usize>, unit "1", absent "limited by `leaves` only", rule Rule::Positive;
-    /// Minimum number of samples of a leaf.
+    /// Minimum number of samples per leaf.
     leaf_samples: usize, unit "samples", default 20usize, rule Rule::Positive;
-    /// L2 penalty: added to the number of samples of a leaf when its value is computed. It shrinks small leaves.
+    /// L2 penalty, added to the number of samples in a leaf when the value of the leaf is computed. It shrinks the
+    /// values of small leaves.
     leaf_l2: f64, unit "samples", default 0.0, rule Rule::NotNegative;
     /// Fraction of the samples used for each tree.
     subsample: f64, unit "1", default 1.0, rule Rule::Between(1e-3, 1.0);
@@ -49,7 +50,7 @@ model! {
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Training stops after this many trees without an improvement in the validation loss.
     patience: Option<usize>, unit "1", absent "training builds all trees", rule Rule::Positive;
-    /// Seed of the subsample of each tree.
+    /// Seed for the subsample of each tree.
     seed: usize, unit "", default 0usize;
 }
 

@@ -19,12 +19,12 @@ const PATH: (usize, f64) = (100, 1e-4);
 
 model! {
     /// Minimises \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2) with standardised columns, where r is
-    /// `l1_ratio`. Coefficients that reduce the error by less than their penalty are exactly 0.
+    /// `l1_ratio`. A coefficient that reduces the error by less than its penalty is exactly 0.
     ///
     /// Source: Zou and Hastie 2005; Gnadt 2022, (3.19) to (3.43).
     ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
-    /// Fraction of the penalty on absolute values.
+    /// Fraction of the penalty that applies to the absolute values of the coefficients.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
 }
 

@@ -7,7 +7,7 @@ use super::{
 
 model! {
     /// Ridge regression with standardised columns, under the name that van der Meer 2025 uses. Its features include
-    /// terms of currents and voltages, which `features` computes.
+    /// terms for electric currents and voltages, which `features` computes.
     ///
     /// Source: van der Meer 2025, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,

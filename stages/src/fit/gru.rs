@@ -8,10 +8,10 @@ use super::{
 };
 
 model! {
-    /// Gated recurrent units compute features of a window of samples, and a network predicts the target from these
+    /// Gated recurrent units compute features from a window of samples, and a network predicts the target from these
     /// features. The window ends at the predicted sample. The model can represent delays and hysteresis.
     ///
-    /// Source: Cho et al. 2014, in the form of PyTorch; Gnadt 2022, section 5.9.3 (recurrent networks).
+    /// Source: Cho et al. 2014, as implemented in PyTorch; Gnadt 2022, section 5.9.3 (recurrent networks).
     Gru = "gru", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
     groups [network: NetworkKeys, window: WindowKeys], example "epochs = 2\nwindow = 4";
 }

@@ -8,10 +8,10 @@ use super::{
 };
 
 model! {
-    /// Long short-term memory computes features of a window of samples, and a network predicts the target from these
-    /// features. The window ends at the predicted sample. The model can represent delays and hysteresis.
+    /// A long short-term memory layer computes features from a window of samples, and a network predicts the target
+    /// from these features. The window ends at the predicted sample. The model can represent delays and hysteresis.
     ///
-    /// Source: Hochreiter and Schmidhuber 1997, in the form of PyTorch; Gnadt 2022, section 5.9.3.
+    /// Source: Hochreiter and Schmidhuber 1997, as implemented in PyTorch; Gnadt 2022, section 5.9.3.
     Lstm = "lstm", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
     groups [network: NetworkKeys, window: WindowKeys], example "epochs = 2\nwindow = 4";
 }

@@ -15,7 +15,7 @@ model! {
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight, in the loss function, of the squared difference between the predictions of the network and of the linear
-    /// model. The difference is relative to the scale of the target.
+    /// model. This difference is divided by the scale of the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

@@ -19,11 +19,11 @@ model! {
     /// | 0.6 to 1 | coefficients and network | f(v) + N(x) | all |
     ///
     /// A sample is near the mean if the error of the ridge fit differs from its mean by at most `curriculum_sigma`
-    /// standard deviations. The constant is trained in every phase. Adam starts again in each phase. `validation`
-    /// selects an epoch after the first 30 %. `whiten` applies to the inputs only.
+    /// standard deviations. The constant is trained in every phase. Adam restarts in each phase. `validation` selects
+    /// an epoch after the first 30 %. `whiten` applies to the inputs only.
     ///
-    /// MagNav.jl compares validation losses of all phases. If the smallest is in the first 30 %, its result contains
-    /// the untrained network.
+    /// MagNav.jl compares the validation losses of all phases. If the smallest loss is in the first 30 %, the result
+    /// contains the untrained network.
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_train` and `get_curriculum_ind`, model `m3sc`.
     M3sc = "m3sc", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -11,14 +11,14 @@ use super::{
 model! {
     /// The model `m3s` with a transformer over a window that ends at the predicted sample: f(v) + N(x of the window).
     /// With d = `units` and x the inputs of a sample, the samples are embedded as e = sqrt(d) (W x + b) + P, with a
-    /// trained position P of each sample in the window. Each head computes softmax(Q K' / sqrt(d / `heads`)) V from the
-    /// queries Q, keys K and values V of its part of e. One layer follows: n = LN(e + Wo A) with the results A of all
-    /// heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The vectors z of all samples enter
-    /// the dense layers of `hidden` (none by default), followed by a linear output.
+    /// trained position vector P for each sample in the window. Each head computes softmax(Q K' / sqrt(d / `heads`)) V
+    /// from the queries Q, keys K and values V of its part of e. One layer follows: n = LN(e + Wo A) with the results A
+    /// of all heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The vectors z of all samples
+    /// enter the dense layers of `hidden` (none by default), followed by a linear output.
     ///
     /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. By default
-    /// MagNav.jl applies a batch normalisation that it creates anew in every call. This normalisation and `:prelayer`
-    /// are not offered here.
+    /// MagNav.jl applies a batch normalisation that it creates anew in every call. magline does not offer this
+    /// normalisation or `:prelayer`.
     ///
     /// Source: Vaswani et al. 2017; MagNav.jl 1.3.3, `get_nn_m`, model `m3tf`.
     M3tf = "m3tf", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
@@ -27,7 +27,7 @@ model! {
     window: usize, unit "samples", default 5usize, rule Rule::Between(2.0, 4096.0);
     /// Number of units that represent a sample in the transformer.
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
-    /// Number of heads of the attention, a divisor of `units`.
+    /// Number of attention heads, a divisor of `units`.
     heads: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
 }
 

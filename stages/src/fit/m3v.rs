@@ -8,10 +8,10 @@ use super::{
 };
 
 model! {
-    /// The model `m3tl` with a vector correction by a network with three outputs: f(v + N(x)) plus a constant. The
-    /// gradient with respect to N is the gradient with respect to v. The biases of the outputs and the permanent
-    /// coefficients have the same effect, so only their sums are determined. In contrast to `m3s`, the effect of a
-    /// current may depend on the attitude without a product of inputs in the network.
+    /// The model `m3tl` with a vector correction from a network with three outputs: f(v + N(x)) plus a constant. The
+    /// gradient with respect to N equals the gradient with respect to v. The biases of the outputs and the permanent
+    /// coefficients have the same effect, so only their sums are determined. In contrast to `m3s`, the effect of an
+    /// electric current can depend on the attitude even if the network does not multiply inputs.
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_fwd`, model `m3v`.
     M3v = "m3v", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -229,7 +229,7 @@ impl FitModelDecl {
             format!("`choose`: {}", choose.join(", ")),
         ];
         if self.made_of == FitData::Samples {
-            facts = vec!["nonlinear: fitted to the unfiltered samples".to_owned()];
+            facts = vec!["nonlinear model, fitted to unfiltered samples".to_owned()];
         }
         if !takes.is_empty() {
             facts.push(format!("also accepts {}", takes.join(", ")));

@@ -23,8 +23,8 @@ model! {
     /// Number of components, or the maximum number if `choose` selects it. If the number of components equals the
     /// number of terms, the result is ordinary least squares, and a warning is reported.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
-    /// Further columns that are fitted together with `target`, with common components. The table holds the coefficients
-    /// of `target`.
+    /// Further columns that are fitted together with `target` and share its components. The table holds the
+    /// coefficients of `target`.
     with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
 }
 

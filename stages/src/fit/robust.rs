@@ -43,7 +43,7 @@ model! {
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Loss function of a residual.
     loss: FitLossFunction, unit "", default FitLossFunction::Huber;
-    /// Estimator of the scale of the residuals: their median absolute deviation, or an estimate together with the
+    /// Estimator of the scale of the residuals: their median absolute deviation, or a joint estimate with the
     /// coefficients.
     scale: FitScaleMethod, unit "", default FitScaleMethod::Mad;
     /// Residual at which Huber's loss changes from quadratic to linear, in units of the scale.

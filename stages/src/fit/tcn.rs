@@ -8,7 +8,7 @@ use super::{
 };
 
 model! {
-    /// Causal convolutions compute features of a window of samples, and a network predicts the target from these
+    /// Causal convolutions compute features from a window of samples, and a network predicts the target from these
     /// features. The window ends at the predicted sample. The model can represent delays and hysteresis.
     ///
     /// Source: Bai, Kolter and Koltun 2018, "An empirical evaluation of generic convolutional and recurrent networks

@@ -17,25 +17,27 @@ params! {
     /// GNSS positions that aid a filter in addition to the magnetic field.
     pub struct Aiding;
     /// Times at which GNSS is lost and recovered, in seconds from the first sample of the line. Before the loss and
-    /// after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and
-    /// recovers it after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
+    /// after the recovery, the GNSS position (columns `gnss`) aids the filter. With `[0.0, 600.0]` the line starts
+    /// without GNSS, which is recovered after ten minutes. A recovery time after the end of the line means that GNSS is
+    /// not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
-    /// Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m).
+    /// Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid (m).
     gnss: Option<[String; 3]>, unit "",
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
-    /// Time between two GNSS positions.
+    /// Time between successive GNSS positions.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Standard deviation of the GNSS position, for each horizontal axis.
+    /// Standard deviation of the GNSS position along each horizontal axis.
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. Without it,
-    /// simulated positions are exact, and the filter appears more accurate than it would be with real GNSS.
+    /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. This
+    /// noise is reproducible for each line. Without added noise, simulated positions are exact, and the filter appears
+    /// more accurate than with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns whose role is `truth`";
-    /// Compares each GNSS position with the INS, by a chi-square test of this position and by a cumulative sum over
-    /// earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is detected
-    /// after about 10 s; all positions since its start are then rejected. Positions are accepted again after ten
-    /// consecutive positions agree with the INS. `gnss_update` is appended even if this key is false.
+    /// Tests each GNSS position against the INS position, by a chi-square test of this position and by a cumulative sum
+    /// over earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is
+    /// detected after about 10 s; all positions since the start of the drift are then rejected. Positions are accepted
+    /// again after ten consecutive positions agree with the INS. `gnss_update` is appended even if this key is false.
     gnss_test: bool, unit "", default true;
 }
 

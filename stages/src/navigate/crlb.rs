@@ -22,19 +22,20 @@ pub(crate) const DRMS_BOUND: &str = "drms_bound";
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {
-    /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. It reads the truth
-    /// (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. A comparison of the bound with the error of a
-    /// filter's track shows whether the error is due to the filter or to the flight.
+    /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. It reads the true
+    /// positions (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. Compare the bound with the error of
+    /// a filter's track to see whether the error is due to the filter or to the flight.
     ///
-    /// It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its `sd_n`, `sd_e` and
-    /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; a search never selects a point
-    /// by it. `residual` is the measurement minus the field at the true position. `nis` is its square divided by its
-    /// variance under the assumed noise; a mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are the velocity
-    /// of the INS.
+    /// It makes no estimate. Its positions are the true positions, so `score` gives no error for them. Its `sd_n`,
+    /// `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; a search never
+    /// selects a point by it. `residual` is the measurement minus the field at the true position. `nis` is the square
+    /// of this residual divided by its variance under the assumed noise. A mean of 1 confirms the assumed noise. `vn`,
+    /// `ve` and `vd` are the velocity of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
     Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the covariance `p` (row-major).
     save_state: bool, unit "", default false;

@@ -27,27 +27,27 @@ const LEAST_TUNED: f64 = 0.5;
 const LARGEST: f64 = 20.0;
 
 filter! {
-    /// The extended Kalman filter of `ekf` that estimates its measurement noise from its innovations. Use it for a
-    /// measurement whose noise is unknown or changes. With an assumed noise ten times too small or too large, a filter
-    /// loses more than half of its accuracy; an adaptive filter loses a few percent. If the noise is known, `ekf` is
-    /// simpler and as accurate. The filter distinguishes noise from map errors only within the bounds.
+    /// The filter `ekf`, with measurement noise estimated from the innovations. Use it for a measurement whose noise is
+    /// unknown or changes. With an assumed noise ten times too small or too large, a filter loses more than half of its
+    /// accuracy; an adaptive filter loses a few percent. If the noise is known, `ekf` is simpler and as accurate. The
+    /// filter cannot separate noise from map errors, so `sigma_min_nt` and `sigma_max_nt` bound its estimate.
     ///
-    /// `sigma_adapted` is the assumed noise of the sample's measurement. It starts at `measurement_sigma_nt` and is
+    /// `sigma_adapted` is the assumed measurement noise of the sample. It starts at `measurement_sigma_nt` and is
     /// estimated from the window before the sample. With several magnetometers, each has its column
-    /// `sigma_adapted_<mag>`, and a magnetometer loses weight when its noise increases.
+    /// `sigma_adapted_<mag>`, and a magnetometer has less weight when its noise increases.
     ///
-    /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With it the filter
+    /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With this key, the filter
     /// estimates one scale factor and keeps the predicted variation over time. If the position error dominates the
     /// innovations, as after an inaccurate start or a noisy period, they contain little information on the noise. The
     /// default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
-    /// Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both.
+    /// Noise that is estimated: measurement noise (`"r"`), process noise (`"q"`), or both.
     adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
-    /// Number of past innovations in the estimate. With 50 innovations the noise is accurate to 10 %; with 10, as in
-    /// MagNav.jl, to 20 %. With 10 the forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The
-    /// filter is then far overconfident unless `sigma_min_nt` is near the true noise.
+    /// Number of past innovations in the estimate. With 50 innovations, the noise is accurate to 10 %; with 10, as in
+    /// MagNav.jl, to 20 %. With 10 innovations, the forms `"matched"` and `"compatible"` occasionally estimate a noise
+    /// near 0. The filter is then strongly overconfident unless `sigma_min_nt` is near the true noise.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// Lower bound of the estimated noise.
     sigma_min_nt: Option<f64>, unit "nT",
@@ -64,7 +64,8 @@ filter! {
     /// used only to estimate the noise.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;

@@ -22,21 +22,21 @@ use crate::{
 };
 
 filter! {
-    /// The 18-state extended Kalman filter with the weights of a network as further states. The network has one hidden
-    /// layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
-    /// aircraft fields that are nonlinear in the features, such as the fields of switched currents. For linear aircraft
-    /// fields `ekf_online_tl` is more accurate.
+    /// The 18-state extended Kalman filter with the weights of a network as additional states. The network has one
+    /// hidden layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
+    /// aircraft fields that are nonlinear in the features, such as the fields of switched electric currents. For linear
+    /// aircraft fields `ekf_online_tl` is more accurate.
     ///
     /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
     /// part the aircraft field is the measurement minus the map and the core field at the GNSS position. Training uses
     /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
-    /// used twice. Afterwards the measurement noise is the residual of the training, if it exceeds
+    /// used twice. Afterwards, the assumed measurement noise is the larger of the training residual and
     /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
-    /// weights then start from this network, and `hidden` and `activation` must be equal to its values. The recursion
-    /// then estimates the covariance of the weights and their later changes. Features that are differences per sample
-    /// are converted to the rate of that fit.
+    /// weights then start from this network, and `hidden` and `activation` must equal the values of that fit. The
+    /// recursion then estimates later changes in the weights, and the covariance of the weights. Features that are
+    /// differences per sample are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
     /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes
@@ -54,17 +54,18 @@ gnss_lost_s = [20.0, 1e6]"#;
     activation: OnlineActivation, unit "", default OnlineActivation::Swish;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;
-    /// Number of passes of the training over its samples.
+    /// Number of training passes over the samples.
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
-    /// Time in which the weights are expected to change by their standard deviation after training.
+    /// Time over which the weights are expected to change by their standard deviation at the end of training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Appends the weights at each sample: weights of the inputs by hidden unit, biases of the units, weights of the
-    /// output, bias of the output.
+    /// Appends the weights at each sample: the input weights of each hidden unit, the biases of the units, the output
+    /// weights, and the output bias.
     save_weights: bool, unit "", default false;
 }
 

@@ -18,12 +18,12 @@ use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
 filter! {
-    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as further states.
-    /// `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
+    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as additional
+    /// states. `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
     ///
-    /// Use it if the calibration is old, from another aircraft, or absent, and the line has manoeuvres. On a straight
-    /// line at constant attitude the aircraft field is a constant, and only the prior separates it from the map. A
-    /// constant among the terms (`bias`) absorbs the constant that map and compensation leave undetermined, so
+    /// Use it if the line has manoeuvres, and the calibration is old, comes from another aircraft, or is missing. On a
+    /// straight line at constant attitude the aircraft field is a constant, and only the prior separates it from the
+    /// map. A constant among the terms (`bias`) absorbs the constant that map and compensation leave undetermined, so
     /// `offset_window_s` is not needed.
     ///
     /// The prior comes from the calibrations in `model` (one or several tables of `fit`), converted to the rate of the
@@ -35,19 +35,21 @@ filter! {
     /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 2, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
-    /// With 0 the coefficients are constants. The wide prior of a cold start does not describe changes in flight.
+    /// With 0 the coefficients are constants. In a cold start the default is 0, because the wide prior does not
+    /// describe changes in flight.
     walk_per_hour: Option<f64>, unit "1", absent "0.1 with `model`, else 0.0", rule Rule::NotNegative;
-    /// Standard deviation of a bias of each axis of `vector`, from which the terms are computed. If set, the bias is
-    /// estimated.
+    /// Standard deviation of the bias of each axis of `vector`, from which the terms are computed. If set, these biases
+    /// are estimated.
     flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
-    /// Time constant of that bias.
+    /// Time constant of these biases.
     flux_bias_tau_s: Option<f64>, unit "s", absent "the bias is constant", rule Rule::Positive;
-    /// Field scale of the terms, as in the `a_matrix` that made them.
+    /// Field scale of the terms, as in the `a_matrix` stage that computes them.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
     save_state: bool, unit "", default false;

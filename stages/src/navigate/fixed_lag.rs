@@ -22,18 +22,18 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother over sliding windows that estimates the aircraft field while it navigates. It has the 18 states of
-    /// `ekf`, the coefficients of the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. It can
-    /// start cold with an uncompensated magnetometer: while the INS is accurate to metres at the start of the line, the
-    /// map determines the coefficients.
+    /// A smoother over sliding windows that estimates the aircraft field while it navigates. Its states are the 18
+    /// states of `ekf`, the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the
+    /// magnetometer. It can start cold with an uncompensated magnetometer: while the INS is accurate to metres at the
+    /// start of the line, the map determines the coefficients.
     ///
-    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
-    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows a filter
-    /// continues from the last window; its innovations give `residual` and `nis`, one per `measurement_interval_s`.
+    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. Each window passes
+    /// the filtered covariance of INS states and coefficients to the next window. Between the ends of windows, a filter
+    /// continues from the last window. Its innovations give one `residual` and one `nis` per `measurement_interval_s`.
     /// With `lag_s = 0.0` the track corresponds to real-time navigation.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
-    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters on cabin magnetometers are
+    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters that use cabin magnetometers are
     /// overconfident.
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
@@ -43,14 +43,13 @@ filter! {
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Delay of the estimate: a sample's estimate uses measurements up to this time after the sample. 0 gives real-time
-    /// navigation.
+    /// Delay of the estimate, which uses measurements up to this time after the sample. 0 gives real-time navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Loss function of a residual: quadratic, or robust to outliers.
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
-    /// Residual above which a robust `loss` departs from the quadratic, in standard deviations of the measurement.
+    /// Residual above which a robust `loss` departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
@@ -62,7 +61,8 @@ filter! {
     /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constant
     /// coefficients.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 

@@ -26,8 +26,8 @@ const LEAST_AMPLITUDE: f64 = 0.1;
 params! {
     /// Orientation of a scalar sensor in the field.
     pub struct SensorGeometry;
-    /// Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise and the aircraft field at
-    /// its position are neglected here.
+    /// Vector magnetometer that gives the direction of the field, such as `flux_a`. For this purpose, its noise and the
+    /// aircraft field at its position are neglected.
     vector: Option<String>, unit "", absent "equal noise in all attitudes";
     /// Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
     sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;

@@ -14,10 +14,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state iterated extended Kalman filter. At each sample it repeats the linearisation of the map at each new
-    /// estimate until it finds the most probable state. If the position error is not small compared with the
-    /// wavelengths of the map, the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
-    /// errors several times as large and takes little more time.
+    /// The 18-state iterated extended Kalman filter. At each sample, it linearises the map again at each new estimate
+    /// until it finds the most probable state. If the position error is not small compared with the wavelengths of the
+    /// map, the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates errors several
+    /// times as large as `ekf` does, and takes little more time.
     ///
     /// A step that would make the state less probable is halved. With `iterations = 1` the filter is `ekf`.
     ///
@@ -25,14 +25,15 @@ filter! {
     Iekf = "iekf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "iterations = 5";
     /// Maximum number of linearisations of the map per sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
-    /// Position change of an iteration step below which the iteration ends.
+    /// Position change per iteration below which the iteration ends.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 

@@ -21,19 +21,19 @@ pub(super) const LEAST_PARTICLES: usize = 1000;
 const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"];
 
 filter! {
-    /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter given the
-    /// position for the other 16 states. Use it on a map with several similar places: `save_modes` returns the
+    /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter, given the
+    /// position, for the other 16 states. Use it on a map with several similar places; `save_modes` returns the
     /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
     /// position error of kilometres, `mpf_then_ekf` is faster.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
-    /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
-    /// six standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row
-    /// mean that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in
-    /// this way.
+    /// particles on it. A sample is `off_map` if particles on the map have less than a tenth of the total weight. A
+    /// measurement outside six standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such
+    /// measurements in a row mean that the particles have lost the aircraft. The line is rejected when most of its
+    /// measurements are gated in this way.
     ///
-    /// Biases of further measurements and the map error are linear states of each particle. The weights depend on the
-    /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
+    /// The biases of additional measurements and the map error are linear states of each particle. The weights depend
+    /// on the values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// that is also marginalised over the linear states. The same seed gives bit-identical results on any number of
@@ -57,13 +57,14 @@ filter! {
     /// has one kernel for each of its parts. The slope that `gradient` measures is linear over a third of this
     /// distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
-    /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
+    /// Standard deviation of the position noise of each resampled particle, per axis. Its unit is the range of the
+    /// particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Appends the three most probable modes of the position to each sample. Takes 50 % more time.
+    /// Appends the three most probable modes of the position to each sample. The run time of the filter then increases
+    /// by 50 %.
     save_modes: bool, unit "", default false;
 }
 

@@ -24,9 +24,9 @@ filter! {
     /// line, all samples come from `mpf`.
     ///
     /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
-    /// error of 30 nT locate the aircraft. The INS is corrected by this position and velocity. The likelihood of the
+    /// error of 30 nT locate the aircraft. The INS is corrected with this position and velocity. The likelihood of the
     /// innovations along the corrected INS then gives the noise and the outliers. While the particles locate the
-    /// aircraft, a spike is rejected only if it contradicts every particle; remove spikes of the first minutes by
+    /// aircraft, a spike is rejected only if it contradicts every particle. Remove spikes in the first minutes with
     /// `despike`.
     ///
     /// `flat_over_m` is rejected, as for `mpf`.
@@ -43,7 +43,7 @@ filter! {
     /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
     /// has one kernel for each of its parts.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Smallest weight of the most probable mode at the hand-over.
+    /// Minimum weight of the most probable mode at the hand-over.
     hand_over_weight: f64, unit "1", default 0.99, rule Rule::Between(0.5, 1.0);
     /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud before the hand-over.
     gate_nis: Option<f64>, unit "1",

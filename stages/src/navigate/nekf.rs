@@ -16,28 +16,30 @@ use crate::{
 };
 
 filter! {
-    /// The extended Kalman filter of `ekf` whose noise a network sets at each sample: neural covariance. The network is
-    /// a long short-term memory layer. Its inputs are the innovation of the previous sample, the slope of the map, the
-    /// motion of the aircraft and the columns in `features`. Its output is a factor on the measurement noise, a factor
-    /// on the noise of the temporal variation, or both.
+    /// The filter `ekf`, with noise that a network sets at each sample (neural covariance). The network is a long
+    /// short-term memory layer. Its inputs are the innovation of the previous sample, the slope of the map, the motion
+    /// of the aircraft and the columns in `features`. Its output is a factor on the measurement noise, a factor on the
+    /// noise of the temporal variation, or both.
     ///
     /// `model` is the table of a `noise_network` stage, which trains the network on other lines. The filter requires
-    /// the same `features` and sample rate as this training. Use the same noise keys in both stages, because the factor
+    /// the same `features` and sample rate as that stage. Use the same noise keys in both stages, because the factor
     /// multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
     ///
     /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard
     /// deviation of the measurement, and `fogm_factor` is the factor on the noise of the temporal variation. A network
-    /// is reliable only for noise like the noise in its training. If there are no lines for training, use
+    /// is reliable only for noise like that of its training lines. If there are no lines for training, use
     /// `ekf_adaptive`.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Hochreiter & Schmidhuber 1997.
     Nekf = "nekf", version 1, groups [aiding: Aiding], example "model = \"noise_network\"";
-    /// Columns that are further inputs of the network, such as currents. A value that is not finite is rejected.
+    /// Columns that are additional inputs of the network, such as electric currents. Values that are not finite are
+    /// rejected.
     features: Option<Vec<String>>, unit "", absent "none";
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the inputs of the network before standardisation.
     save_inputs: bool, unit "", default false;

@@ -18,37 +18,38 @@ use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data};
 
 filter! {
-    /// The most probable track of the whole line given all its measurements: a smoother for post-processing. Each
+    /// A smoother for post-processing: computes the most probable track given all measurements on the line. Each
     /// iteration linearises the map along the track and passes forward and backward over the line, until the track
-    /// converges. It also returns the covariance. At the last sample its error equals the error of a filter; at earlier
-    /// samples it is a few times smaller.
+    /// converges. It also returns the covariance. At the last sample, the smoother is as accurate as a filter. At
+    /// earlier samples, its error is a few times smaller.
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
-    /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber` the
-    /// influence is constant. With `cauchy` it decreases with distance, which requires a good initial track.
-    /// `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged; `smoothing_step` is
-    /// then the last change of the track.
+    /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber`, the
+    /// influence of an outlier is constant. With `cauchy`, it decreases with the size of the residual; this requires a
+    /// good initial track. `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged;
+    /// `smoothing_step` is then the last change of the track.
     ///
     /// A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per sample (2.6 kB more with
-    /// `save_state`). With further measurements it requires 15 kB per sample, the iteration has a single start, and a
-    /// robust loss applies only to the scalar field.
+    /// `save_state`). With additional measurements, it requires 15 kB per sample, the iteration has a single start, and
+    /// a robust loss applies only to the total field.
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).
     Rts = "rts", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "loss = \"huber\"";
     /// Maximum number of passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
-    /// Largest position change along the line in one iteration, below which the iteration ends.
+    /// Limit on the position change. The iteration ends when no position on the line changes by more in one iteration.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
-    /// Residual above which a robust loss departs from the quadratic, in standard deviations of the measurement.
+    /// Residual above which a robust loss departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: Option<f64>, unit "1",
-        absent "1.345 with `huber`, 2.385 with `cauchy`: 95 % efficient for normal noise",
+        absent "1.345 with `huber`, 2.385 with `cauchy` (95 % efficiency for normal noise)",
         rule Rule::Positive;
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 

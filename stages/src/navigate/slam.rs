@@ -31,8 +31,8 @@ filter! {
     ///
     /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
     /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
-    /// reduce the required number of particles. With 400 particles, all of ten surveys succeeded. With 150, two of six
-    /// diverged, with a covariance far too small.
+    /// reduce the required number of particles. In tests with 400 particles, all ten surveys succeeded. With 150
+    /// particles, two of six diverged, with a covariance far too small.
     ///
     /// With `smooth` the track is the most probable track of the whole flight given all its measurements, for
     /// post-processing. The smoother starts from the track of the particles and reduces errors of tens of metres to
@@ -44,28 +44,30 @@ filter! {
     /// covariance. `smoothing_misfit` is far above 1 where the assumed noise is too small for the track.
     /// `smoothing_agreement` is the information that revisits give about each other, divided by its expected value for
     /// the assumed noise. It is about 1 on a correct track, and near 0 on a track with errors of hundreds of metres. A
-    /// line below 0.5 is rejected. The column is NaN for a line with almost no revisits. 1000 measurements take about
-    /// 20 s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
+    /// line with a value below 0.5 is rejected. The column is NaN for a line with almost no revisits. The smoother
+    /// takes about 20 s on one core and 70 MB for 1000 measurements. Twice as many measurements take eight times the
+    /// time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
     /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
     /// includes the temporal variation. Paths are shared in a tree, so that a step takes the same time after ten hours.
     /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001). The covariance includes the
     /// variance that resampling removes from the particles. The smoother maximises the likelihood of a Gaussian process
-    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior of these positions, and
-    /// Laplace's approximation gives their covariance.
+    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior for these positions, and
+    /// Laplace's approximation gives their posterior covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
     /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
     /// particles.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
-    /// Minimum time between two updates of the particles. Measurements within it are averaged. 0 uses every sample.
+    /// Minimum time between two updates of the particles. Measurements within this time are averaged. 0 uses every
+    /// sample.
     update_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Prediction of a measurement from earlier ones: from the nearest and the most recent (`"nearest_neighbour"`), by
     /// the regression of Lee 2019 (`"regression"`), or by inverse distance (`"inverse_distance"`).
     expected_measurement: ExpectedMeasurement, unit "", default ExpectedMeasurement::NearestNeighbour;
-    /// Source of the three hyper-parameters: maximum likelihood on the first part of the flight, or the spec.
+    /// Source of the three hyper-parameters: a maximum-likelihood fit to the first part of the flight, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -73,25 +75,26 @@ filter! {
     sigma_se_nt: Option<f64>, unit "nT",
         absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Correlation length of the anomaly.
-    length_m: Option<f64>, unit "m", absent "150 m, as for `sigma_se_nt`", rule Rule::Positive;
+    length_m: Option<f64>, unit "m", absent "150 m, the value of the same flight", rule Rule::Positive;
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise.
-    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, as for `sigma_se_nt`", rule Rule::NotNegative;
+    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, the value of the same flight", rule Rule::NotNegative;
     /// Length of the first part of the flight, to which the hyper-parameters are fitted.
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Length of the time before a sample within which other samples do not count as earlier samples.
+    /// Time before a sample in which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// Radius of the circle used to detect a revisit. A sample is a revisit if more than `trigger_points` earlier
-    /// samples lie within this radius.
+    /// Radius within which earlier samples count as a revisit. A sample is a revisit if more than `trigger_points`
+    /// earlier samples lie within this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// A revisit is declared when more than this number of earlier samples lie within `trigger_radius_m`.
+    /// Number of earlier samples within `trigger_radius_m` that must be exceeded for a revisit.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the correlation length, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
-    /// Maximum height difference of earlier samples. Smaller differences increase the variance of these samples.
+    /// Maximum height difference between a sample and the earlier samples that predict it. Smaller differences increase
+    /// the variance of those samples.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of an inverse-distance-weighted prediction.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
@@ -102,13 +105,15 @@ filter! {
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Replaces the track of the particles by the most probable track of the whole flight.
     smooth: bool, unit "", default false;
-    /// Maximum number of measurements in the smoother. If there are more, each is the mean of a few neighbours, and
-    /// others are omitted. Computing time is proportional to the third power of this number.
+    /// Maximum number of measurements in the smoother. A longer flight is divided into this number of groups of
+    /// samples. Samples near the middle of each group are averaged, and the others are omitted. Computing time is
+    /// proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
     /// Standard deviation of the white noise of a measurement in the smoother. The particles assume more noise because
     /// there are few of them.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 

@@ -28,11 +28,11 @@ choice! {
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
         /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, the alignment
-        /// is at the fix or one hour before it: the one with the larger likelihood of the innovations. Where no
-        /// likelihood is computed, it is one hour before.
+        /// is assumed at the fix or one hour before it, whichever gives the larger likelihood of the innovations. If no
+        /// likelihood is computed, it is one hour before the fix.
         Fix = "fix",
-        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
-        /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
+        /// The initial standard deviations apply at the time of alignment, from the column `ins_aligned`. Their
+        /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
         /// The initial standard deviations apply at the first sample of the line.
         Given = "given",
@@ -45,16 +45,16 @@ params! {
     /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys are not valid minutes
     /// later.
     start: StartSource, unit "", default StartSource::Auto;
-    /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
-    /// are used. White noise with the fix's standard deviations is added to columns with the role truth. It is
-    /// reproducible for each line.
+    /// Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first values within 2 s of the
+    /// line's start are used. White noise with the fix's standard deviations is added to columns with the role truth.
+    /// This noise is reproducible for each line.
     fix: Option<[String; 3]>, unit "",
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
-    /// Columns of the fix's velocity north, east and down.
+    /// Columns of the fix's velocity components: north, east and down.
     fix_velocity: Option<[String; 3]>, unit "m/s",
         absent "`gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`; \
             without these columns, the velocity of the INS";
-    /// Standard deviation of the fix's position, for each horizontal axis.
+    /// Standard deviation of the fix's position along each horizontal axis.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
     fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;

@@ -30,7 +30,8 @@ choice! {
     /// Source of unset parameters.
     pub enum Tuning {
         /// Noise from the likelihood of each line's innovations, rejection of outliers, and continuation of the map to
-        /// the flight heights. The curvature of the map over the position's uncertainty counts as measurement noise.
+        /// the flight heights. The effect of the map's curvature within the position uncertainty counts as measurement
+        /// noise.
         Auto = "auto",
         /// Defaults of MagNav.jl, no gate, and the map at its own height.
         Magnav = "magnav",
@@ -40,7 +41,7 @@ choice! {
 params! {
     /// Assumed noise of the measurement.
     pub struct MeasurementNoise;
-    /// Standard deviation of the white noise of a measurement, from the sensor, the map and the residual of the
+    /// Standard deviation of the white noise of a measurement. It includes the noise of the sensor, the map and the
     /// compensation. `"auto"` uses the residual of the calibration, from the column `mag_sigma`.
     measurement_sigma_nt: Option<NumberOrAuto>, unit "nT",
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise 5.0", rule Rule::Positive;
@@ -53,7 +54,7 @@ params! {
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise 600.0", rule Rule::Positive;
     /// Column with the standard deviation of an additional error of each sample: `mag_aircraft_sigma` of an ensemble,
     /// or the predicted error of a network. Its square is added to the square of `measurement_sigma_nt`. A sample
-    /// without it has no measurement. Requires a single magnetometer.
+    /// without a value in this column has no measurement. Requires a single magnetometer.
     noise_column: Option<String>, unit "nT", absent "equal noise at all samples";
 }
 

@@ -14,13 +14,14 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// The unscented Kalman filter on the states of `ekf`. Instead of linearising the map at the estimated position,
-    /// the filter fits it by regression over the position's uncertainty, from seven map values per sample. If the map
-    /// is linear over that uncertainty, the filter equals the EKF. Otherwise it treats the nonlinearity of the map as
-    /// noise. Use it if the position uncertainty exceeds the node spacing of the map.
+    /// The unscented Kalman filter with the states of `ekf`. Instead of linearising the map at the estimated position,
+    /// the filter fits a linear function to the map over the position uncertainty, from seven map values per sample. If
+    /// the map is linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity of the
+    /// map as noise. Use `ukf` if the position uncertainty exceeds the node spacing of the map.
     ///
-    /// Where an outer point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the part
-    /// of the innovation's standard deviation due to the nonlinearity of the map; NaN where it is not computed.
+    /// If an outer sigma point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the
+    /// part of the innovation's standard deviation due to the nonlinearity of the map; it is NaN where it is not
+    /// computed.
     ///
     /// Source: Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the position
     /// only.
@@ -28,16 +29,18 @@ filter! {
     /// Scale factor of the distance of the outer points from the centre.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Parameter of the central sigma point, whose weight in the covariance exceeds its weight in the mean by 1 -
-    /// alpha² + beta; at least -alpha² kappa/3. Averaged over directions, the variance computed for the nonlinearity of
-    /// the field is (5 + 4 beta)/8 of the true variance. The filter is therefore cautious with a beta of 2.
+    /// alpha² + beta. The minimum is -alpha² kappa/3. Averaged over directions, the variance computed for the
+    /// nonlinearity of the field is (5 + 4 beta)/8 of the true variance. With a beta of 2, the filter is therefore
+    /// cautious.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
-    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from the centre; above -3.
-    /// With 0 the gain is exact to the fourth moment of a normal distribution.
+    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from the centre. It must be
+    /// above -3. With 0, the gain is exact to the fourth moment of a normal distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
-    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
+    /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
+    /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;

@@ -9,8 +9,8 @@ use schemas::{Fault, metric::MetricDisplay};
 use super::{line::ScoreLine, metric::metric, source::ScoreSource};
 
 metric! {
-    /// expected error of the map due to the difference between its height and the height of the line; with
-    /// `map_levels_m`, expected error of its continuation
+    /// expected error due to the difference between the height of the map and the height of the line; with
+    /// `map_levels_m`, expected error of the map's continuation
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
     |line| Ok(statistics::mean(line.column(ScoreSource::MapHeight)?))
 }
@@ -37,7 +37,7 @@ metric! {
 }
 
 metric! {
-    /// lower bound of the error (rms, horizontal) with which the map determines a constant position offset of the line
+    /// lower bound on the rms horizontal error with which the map determines a constant position offset of the line
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {

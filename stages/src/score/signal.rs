@@ -76,9 +76,9 @@ metric! {
 }
 
 metric! {
-    /// slope of a straight line fitted to the compensated signal, minus core field and diurnal variation, against the
-    /// true anomaly; 1 if compensation keeps the whole anomaly; `n` is the sum of squares of the anomaly about its
-    /// mean, nT^2, and weights the lines; null for a line with at most two independent samples
+    /// slope of a straight line fitted to the compensated signal (minus core field and diurnal variation) as a function
+    /// of the true anomaly; 1 if compensation keeps the whole anomaly; `n` is the sum of squares of the anomaly about
+    /// its mean, nT^2, and weights the lines; null for a line with at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown MetricDisplay::column(60, 80), limit AtLeast(0.9), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)

@@ -39,7 +39,7 @@ metric! {
 }
 
 metric! {
-    /// lower bound of the `drms` of any filter with the models of `crlb`; not the result of a filter
+    /// lower bound on the `drms` of any filter with the models of `crlb`; not the result of a filter
     DRMS_BOUND = "drms_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(105, 105), needs [Bound];
     |line| Ok(statistics::rms(line.column(ScoreSource::Bound)?))
@@ -60,13 +60,13 @@ metric! {
 }
 
 metric! {
-    /// root mean square error north
+    /// root mean square position error north
     RMS_NORTH = "rms_north", unit "m", pool Rms, better Lower, needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::rms(&e.north_m))
 }
 
 metric! {
-    /// root mean square error east
+    /// root mean square position error east
     RMS_EAST = "rms_east", unit "m", pool Rms, better Lower, needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::rms(&e.east_m))
 }
@@ -144,17 +144,17 @@ metric! {
 }
 
 metric! {
-    /// 1 for a line whose mean `nees` is within its 95 % chi-square band, else 0; the band is computed for the number
-    /// of independent samples; 0.95 on average for a consistent filter. The band is too narrow for a line that lasts
-    /// only a few correlation times of the error
+    /// 1 for a line whose mean `nees` is within its 95 % chi-square band for the number of independent samples, else 0;
+    /// 0.95 on average for a consistent filter. The band is too narrow for a line that lasts only a few correlation
+    /// times of the error
     NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher,
     needs [Track, Position], uses [Bound];
     |line| Ok(consistency::within_chi_square_band(&position_nees(line)?, 2.0))
 }
 
 metric! {
-    /// 1 for a line whose mean `nis` is within its 95 % chi-square band, else 0; the band is computed for the number of
-    /// independent samples; 0.95 on average for a consistent filter
+    /// 1 for a line whose mean `nis` is within its 95 % chi-square band for the number of independent samples, else 0;
+    /// 0.95 on average for a consistent filter
     NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
     |line| {
         Ok(consistency::within_chi_square_band(&ungated(line, line.named(ScoreSource::Track, "nis")?)?, 1.0))
@@ -162,9 +162,8 @@ metric! {
 }
 
 metric! {
-    /// share of the autocorrelations of the innovations, divided by their predicted standard deviations, at lags of 1
-    /// to 20 samples, that are within 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less for correlated
-    /// ones
+    /// share of the autocorrelations of the normalised innovations, at lags of 1 to 20 samples, that are within
+    /// 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less for correlated ones
     WHITENESS = "whiteness", unit "1", pool Mean, better Near(0.95), limit AtLeast(0.8), needs [Innovations];
     |line| Ok(consistency::whiteness(&normalised_innovations(line)?, 20))
 }
@@ -185,8 +184,8 @@ metric! {
 }
 
 metric! {
-    /// share of the samples with a true position outside the track's five-sigma ellipse, an undetected loss of the
-    /// position; 0.000004 for a consistent filter
+    /// share of the samples with a true position outside the track's five-sigma ellipse, which indicates an undetected
+    /// loss of position; 0.000004 for a consistent filter
     DIVERGENCE = "divergence", unit "1", pool Mean, better Lower,
     needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees > 25.0))
@@ -205,7 +204,7 @@ metric! {
 }
 
 metric! {
-    /// number of samples off the map or in an unknown cell
+    /// number of samples off the map or in a cell with an unknown node
     SAMPLES_OFF_MAP = "samples_off_map", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, UpdateOutcome::OffMap)
 }

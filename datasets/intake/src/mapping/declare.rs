@@ -100,20 +100,20 @@ params! {
     pub struct TimeStampKeys, all default;
     /// The column of the time. Several text columns, such as date and time, are joined by a space.
     from: Vec<String>, unit "", default Vec::<String>::new();
-    /// The clock: the origin of the time.
+    /// The clock, given by the origin of its time.
     clock: Option<ClockZero>, unit "", default None, absent "required";
     /// The unit of the time.
     unit: Option<String>, unit "", default None, absent "from the file";
     /// The GPS week: a column or a number.
     week: Option<ConstantValue>, unit "", default None, absent "required with `clock = \"gps\"`";
-    /// The number of rollovers since 1980 of the 10-bit week of a receiver: 2 since April 2019.
+    /// The number of rollovers of a receiver's 10-bit GPS week since 1980: 2 since April 2019.
     rollovers: usize, unit "", default 0usize, rule Rule::Between(0.0, 10.0);
     /// GPS time minus UTC.
     leap_s: Option<f64>, unit "s", default None, absent "from the date", rule Rule::Between(0.0, 100.0);
-    /// The form of the text, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`.
+    /// The format of the text, in `strftime` notation: `%d/%m/%Y %H:%M:%S%.f`.
     format: Option<String>, unit "", default None, absent "ISO 8601";
-    /// The offset of local time from UTC: `+10:00` east of Greenwich. Times with a zone in their type or text require
-    /// no offset.
+    /// The offset of local time from UTC, such as `+10:00` east of Greenwich. Times with a zone in their type or text
+    /// require no offset.
     zone: Option<String>, unit "", default None, absent "UTC";
     /// The date of the first row, for a time of the day: `2012-10-10`, in `zone` if it is set.
     date: Option<String>, unit "", default None, absent "unknown";
@@ -144,7 +144,7 @@ params! {
 }
 
 params! {
-    /// The flight or line of each row, if it is not one text for all rows.
+    /// The flight or line of each row, if it is not the same for all rows.
     pub struct RowIdentifierKeys, all default;
     /// The column with the identifier.
     from: Option<String>, unit "", default None, absent "set by another key";
@@ -165,7 +165,7 @@ params! {
     value: Option<ConstantValue>, unit "", default None, absent "set by another key";
     /// The unit of the file's values or of the result of `sql`, after `scale` and `offset`.
     unit: Option<String>, unit "", default None, absent "from the file";
-    /// The column is `scale` times the file's value, plus `offset`; -1 changes the sign.
+    /// The factor on the file's values, before `offset` is added; -1 changes the sign.
     scale: f64, unit "1", default 1.0, rule Rule::Finite;
     /// The offset added after `scale`, in `unit`.
     offset: f64, unit "of the column", default 0.0, rule Rule::Finite;
@@ -226,7 +226,7 @@ params! {
     rows: Option<String>, unit "", default None, absent "all";
     /// Whether to keep the columns that the mapping does not name, under their own names.
     others: bool, unit "", default false;
-    /// Whether to drop a row with the time of the previous row. A note has the number of dropped rows.
+    /// Whether to drop a row with the same time as the previous row. A note gives the number of dropped rows.
     drop_repeated: bool, unit "", default false;
     /// The rate of rows that repeat the time of the previous row, such as rows at 10 Hz with times in whole seconds. They
     /// follow the first row of that time at this rate. A note has the number of these rows.

@@ -191,7 +191,7 @@ params! {
     pulsation_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Centre period of the pulsations: 10 to 45 s for Pc3, 45 to 150 s for Pc4, 150 to 600 s for Pc5.
     pulsation_period_s: f64, unit "s", default 30.0, rule Rule::Between(0.1, 3600.0);
-    /// Standard deviation of the frequency of the pulsations, as a fraction of the centre frequency.
+    /// Standard deviation of the pulsation frequency, as a fraction of the centre frequency.
     pulsation_width: f64, unit "1", default 0.1, rule Rule::Between(0.001, 0.3);
     /// Depth of a magnetic storm at the geomagnetic equator.
     storm_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
@@ -201,9 +201,9 @@ params! {
     storm_main_s: f64, unit "s", default 21_600.0, rule Rule::Positive;
     /// Time from the minimum to 1/e of the storm's depth.
     storm_recovery_s: f64, unit "s", default 57_600.0, rule Rule::Positive;
-    /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The record is used by time of day.
+    /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The date of the record is ignored.
     observatory: Option<String>, unit "", default None, absent "no record";
-    /// Baseline that is subtracted from the record.
+    /// Baseline that is subtracted from the observatory's record.
     observatory_base: ObservatoryBaseline, unit "", default ObservatoryBaseline::Mean;
 }
 

@@ -41,27 +41,28 @@ params! {
     align: InsAlignment, unit "", default InsAlignment::Flight;
     /// Propagation of the errors: by the linear error model, or by a strapdown mechanisation.
     method: InsErrorPropagation, unit "", default InsErrorPropagation::ErrorModel;
-    /// Position error at alignment, north and east, INS minus truth.
-    init_position_error_m: Option<[f64; 2]>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Height error at alignment, INS minus truth.
-    init_altitude_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Velocity error at alignment, north, east and down, INS minus truth.
-    init_velocity_error_mps: Option<[f64; 3]>, unit "m/s", absent "drawn", rule Rule::Finite;
+    /// Position error at alignment (north, east): INS minus truth.
+    init_position_error_m: Option<[f64; 2]>, unit "m", absent "drawn at random", rule Rule::Finite;
+    /// Height error at alignment: INS minus truth.
+    init_altitude_error_m: Option<f64>, unit "m", absent "drawn at random", rule Rule::Finite;
+    /// Velocity error at alignment (north, east, down): INS minus truth.
+    init_velocity_error_mps: Option<[f64; 3]>, unit "m/s", absent "drawn at random", rule Rule::Finite;
     /// Tilt of the INS at alignment: rotation from the true attitude about north, east and down.
-    init_tilt_error_deg: Option<[f64; 3]>, unit "deg", absent "drawn", rule Rule::Finite;
-    /// Initial accelerometer biases along x, y and z of the body frame, measured minus true.
-    init_acc_bias_mps2: Option<[f64; 3]>, unit "m/s2", absent "drawn", rule Rule::Finite;
-    /// Initial gyroscope biases about x, y and z of the body frame, measured minus true.
-    init_gyro_bias_radps: Option<[f64; 3]>, unit "rad/s", absent "drawn", rule Rule::Finite;
-    /// Initial error of the barometric height, up positive, measured minus true.
-    init_baro_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Standard deviation of the accelerometers' constant scale errors, ppm. Requires `method = "mechanisation"`.
+    init_tilt_error_deg: Option<[f64; 3]>, unit "deg", absent "drawn at random", rule Rule::Finite;
+    /// Initial accelerometer biases along the x, y and z axes of the body frame: measured minus true.
+    init_acc_bias_mps2: Option<[f64; 3]>, unit "m/s2", absent "drawn at random", rule Rule::Finite;
+    /// Initial gyroscope biases about the x, y and z axes of the body frame: measured minus true.
+    init_gyro_bias_radps: Option<[f64; 3]>, unit "rad/s", absent "drawn at random", rule Rule::Finite;
+    /// Initial error of the barometric height, positive upward: measured minus true.
+    init_baro_error_m: Option<f64>, unit "m", absent "drawn at random", rule Rule::Finite;
+    /// Standard deviation of the accelerometers' constant scale errors, in ppm. Requires `method = "mechanisation"`.
     acc_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
-    /// Standard deviation of the gyroscopes' constant scale errors, ppm. Requires `method = "mechanisation"`.
+    /// Standard deviation of the gyroscopes' constant scale errors, in ppm. Requires `method = "mechanisation"`.
     gyro_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
     /// Number of realisations that are drawn.
     ensemble: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
-    /// Rank of the realisation that is used, by DRMS over the lines of the flight. Rank 1 has the largest DRMS.
+    /// Rank of the realisation that is used, in order of DRMS over the lines of the flight. Rank 1 has the largest
+    /// DRMS.
     take: Option<usize>, unit "", absent "a tenth of `ensemble`, rounded up", rule Rule::Between(1.0, 10_000.0);
     /// Maximum horizontal position error. A line that exceeds it is rejected, because neither the linear error model
     /// nor the map applies there.

@@ -140,11 +140,11 @@ params! {
     trim_deg: f64, unit "deg", default 2.0, rule Rule::Between(-5.0, 15.0);
     /// Airspeed at which `trim_deg` applies.
     cruise_mps: Option<f64>, unit "m/s", default None, absent "the line's `speed_mps`", rule Rule::Between(1.0, 1000.0);
-    /// Time constants of the airframe's response to gusts, relative to those of a light survey aircraft: 0.4 s in roll,
-    /// 1 s in heave, 2.1 s in the pitch oscillation and 3.1 s in the yaw oscillation. For a small drone the factor is
-    /// about 0.3.
+    /// Factor on the time constants of the airframe's response to gusts. For a light survey aircraft they are 0.4 s in
+    /// roll, 1 s in heave, 2.1 s in the pitch oscillation and 3.1 s in the yaw oscillation. For a small drone, the
+    /// factor is about 0.3.
     response_s: f64, unit "s", default 1.0, rule Rule::Between(0.05, 5.0);
-    /// Wing span. It determines how strongly gusts roll the aircraft.
+    /// Wing span, which determines how strongly gusts roll the aircraft.
     span_m: f64, unit "m", default 11.0, rule Rule::Between(0.3, 100.0);
 }
 
@@ -211,7 +211,7 @@ params! {
     pub struct TurbulenceKeys, all default;
     /// Intensity of the turbulence.
     level: TurbulenceIntensity, unit "", default TurbulenceIntensity::None;
-    /// Wind speed 20 feet above the ground. It replaces `level`.
+    /// Wind speed 20 feet above the ground. This wind speed replaces `level`.
     wind_20ft_mps: Option<f64>, unit "m/s", default None, absent "set by `level`", rule Rule::Between(0.0, 40.0);
     /// Height of the ground above the WGS-84 ellipsoid.
     ground_m: f64, unit "m", default 0.0, rule Rule::Finite;

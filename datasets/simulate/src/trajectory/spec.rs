@@ -133,8 +133,8 @@ params! {
     waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
     /// Height above the WGS-84 ellipsoid at each waypoint. It replaces `alt_m`.
     alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
-    /// Treats `alts_m` as a surface to stay above. Climbs begin early enough for `climb_mps` of `dynamics`. If false,
-    /// the heights are flown exactly.
+    /// Treats `alts_m` as a surface above which the aircraft stays. Climbs begin early enough for `climb_mps` of
+    /// `dynamics`. If false, the heights are flown exactly.
     drape: bool, unit "", default false;
 }
 
@@ -143,7 +143,7 @@ params! {
     pub struct OrbitKeys;
     /// Centre, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Azimuth of the start seen from the centre, clockwise from true north.
+    /// Azimuth of the start as seen from the centre, clockwise from true north.
     from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
     /// Direction of the turns.
     direction: PathSide, unit "", default PathSide::Right;
@@ -155,7 +155,7 @@ variant! {
     struct SurveyKeys, groups [route: WaypointKeys];
     /// Duration of the line.
     duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
-    /// Amplitude of a periodic change of the course about each leg.
+    /// Amplitude of a periodic change in course on each leg.
     weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
     /// Period of that change.
     weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
@@ -175,7 +175,7 @@ variant! {
     start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
     /// Course of the first leg, clockwise from true north. Turns are to the right.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// Amplitudes of roll, pitch and yaw. An amplitude of 0 omits the manoeuvre (Gnadt 2022, figure 3-7).
+    /// Amplitudes of roll, pitch and yaw (Gnadt 2022, Figure 3-7). An amplitude of 0 omits the manoeuvre.
     amplitude_deg: [f64; 3], unit "deg", default [9.0, 4.5, 5.0], rule Rule::Between(0.0, 40.0);
     /// Period of a manoeuvre.
     period_s: f64, unit "s", default 6.0, rule Rule::Between(1.0, 60.0);
@@ -183,7 +183,7 @@ variant! {
     cycles: usize, unit "", default 3usize, rule Rule::Between(1.0, 100.0);
     /// Number of legs.
     legs: usize, unit "", default 4usize, rule Rule::Between(1.0, 64.0);
-    /// First and last set of manoeuvres of Gnadt 2022, table 5.7. Each set is one line. The sets replace
+    /// First and last of the sets of manoeuvres in Gnadt 2022, Table 5.7. Each set is one line. The sets replace
     /// `amplitude_deg` and `cycles`.
     sets: Option<[usize; 2]>, unit "", absent "`amplitude_deg` and `cycles`", rule Rule::Between(1.0, 18.0);
 }
@@ -261,7 +261,7 @@ variant! {
 }
 
 variant! {
-    /// Crosses one position on four courses, a right angle apart.
+    /// Crosses one position on four courses, 90 degrees apart.
     CLOVERLEAF: LinePathKeys = "cloverleaf", |keys| LinePathKeys::Cloverleaf(keys);
     struct CloverleafKeys;
     /// Position of the crossings, [latitude, longitude].
@@ -304,8 +304,8 @@ params! {
     name: String, unit "";
     /// Start of the first line, in seconds past midnight UTC.
     start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// Number of flights of a Monte Carlo study. They share the plan and the aircraft; all other random draws are
-    /// independent. The flights are named `<name>-1`, `<name>-2`, and so on.
+    /// Number of flights in a Monte Carlo study. They share the flight plan and the aircraft; all other random draws
+    /// are independent. The flights are named `<name>-1`, `<name>-2`, and so on.
     copies: Option<usize>, unit "", absent "one flight, named `name`", rule Rule::Between(1.0, 10_000.0);
 }
 

@@ -16,17 +16,17 @@ use crate::spec::SourceDecl;
 params! {
     /// The mapping and the lines of a log.
     pub struct MappingOptions, all default;
-    /// The mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. `auto` chooses
-    /// the built-in mapping that reads most of the first log, and reports its name in a note. A mapping replaces
-    /// `units` and `topic`. With a mapping, `rename` applies to the columns of the mapping.
+    /// Mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. `auto` selects the
+    /// built-in mapping that reads the largest part of the first log, and reports its name in a note. A mapping
+    /// replaces `units` and `topic`. With a mapping, `rename` applies to the columns of the mapping.
     mapping: Option<String>, unit "", default None, absent "columns are identified by their names";
-    /// The table of the mapping. A list declares several tables at once: in `[tables.log]`, `table = ["mag", "gps"]`
-    /// declares `log_mag` and `log_gps`.
+    /// Table of the mapping to read. A list declares several tables at once: in `[tables.log]`, `table = ["mag",
+    /// "gps"]` declares `log_mag` and `log_gps`.
     table: Option<Vec<String>>, unit "", default None, absent "the only table";
-    /// A table of `flight`, `line`, `t_start` and `t_end` (seconds past midnight UTC) that replaces the lines in the
-    /// files. A sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds
-    /// the lines of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and
-    /// circles. `magline ingest --lines auto --picture lines.svg` draws them and writes the table.
+    /// Table with the columns `flight`, `line`, `t_start` and `t_end` (in seconds past midnight UTC). It replaces the
+    /// lines in the files. A sample belongs to the line that contains its time; samples outside all lines are dropped.
+    /// `auto` finds the lines of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of
+    /// eight and circles. `magline ingest --lines auto --picture lines.svg` plots these lines and writes the table.
     lines: Option<String>, unit "", default None, absent "the lines of the files";
 }
 
@@ -34,7 +34,7 @@ params! {
     /// The table of a model. The separate key `where` is an SQL condition on its columns that selects one model of
     /// several.
     pub struct ModelOptions, all default;
-    /// The columns that the model requires in a line, as in `features` of its fit.
+    /// Columns that the model requires in each line: the `features` of its fit.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
 }
 

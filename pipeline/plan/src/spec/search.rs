@@ -55,7 +55,7 @@ params! {
     /// The number of trials.
     trials: usize, unit "", rule Rule::Between(1.0, MOST_TRIALS);
     /// The objective: a table of scores and one of its metrics, such as `scores.std_error`. The values of the lines are
-    /// pooled as in the summary of a run, over all points of the other axes.
+    /// pooled as in the summary of a run, over all points of the remaining axes.
     goal: String, unit "";
     /// The direction of improvement of the goal.
     direction: Option<GoalDirection>, unit "", default None, absent "the direction of the metric";
@@ -65,7 +65,8 @@ params! {
     generation: Option<usize>, unit "", default None, absent "8", rule Rule::Between(1.0, MOST_TRIALS);
     /// For `tpe`: the number of initial trials from a Sobol sequence.
     start: Option<usize>, unit "", default None, absent "10", rule Rule::Between(1.0, MOST_TRIALS);
-    /// For `sobol`: whether the seed scrambles the sequence. An unscrambled sequence begins at the lower ends.
+    /// For `sobol`: whether the seed scrambles the sequence. An unscrambled sequence begins at the lower ends of all
+    /// axes.
     scramble: Option<bool>, unit "", default None, absent "true";
 }
 
@@ -85,7 +86,8 @@ params! {
 params! {
     /// Successive halving.
     struct HalvingKeys;
-    /// The axis of the cost of a trial, such as the epochs of a training. It is another column of the trials.
+    /// The axis that sets the cost of a trial, such as the number of training epochs. It is an additional column of the
+    /// trials.
     axis: String, unit "";
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);

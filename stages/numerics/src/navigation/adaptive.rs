@@ -108,11 +108,11 @@ choice! {
     /// Estimator of R from the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// Residual a posteriori of every innovation, starting from the assumed noise. This form also works where the
+        /// A posteriori residual of every measurement, starting from the assumed noise. This form also works where the
         /// position is less accurate than the measurement.
         #[default]
         Residual = "residual",
-        /// Subtracts H P Hᵀ of the time of each innovation, and starts from the assumed noise.
+        /// Subtracts from each squared innovation the H P Hᵀ of its time, and starts from the assumed noise.
         Matched = "matched",
         /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
         /// the present sample. For comparison with that program.

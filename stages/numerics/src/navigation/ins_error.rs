@@ -31,16 +31,16 @@ params! {
     /// Error sources of an INS: initial standard deviations, noise densities and time constants. The defaults are the
     /// values of MagNav.jl for a navigation-grade INS. [Gnadt 2022, (5.35); MagNav.jl `create_model`]
     pub struct InsErrors, all default;
-    /// Standard deviation of the initial horizontal position error, for each axis.
+    /// Standard deviation of the initial horizontal position error along each axis.
     init_position_sigma_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
     /// Standard deviation of the initial height error.
     init_altitude_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Standard deviation of the initial velocity error, for each axis.
+    /// Standard deviation of the initial velocity error along each axis.
     init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
-    /// Standard deviation of the initial tilt error, for each axis.
+    /// Standard deviation of the initial tilt error about each axis.
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Standard deviation of the initial yaw error, the tilt about the down axis. It is larger than the level tilt
-    /// errors, because the INS finds north by the earth's rotation, which is a much weaker signal than gravity.
+    /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice it exceeds the tilt
+    /// errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
     init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error", rule Rule::NotNegative;
     /// Velocity random walk (square root of the spectral density).
     vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;

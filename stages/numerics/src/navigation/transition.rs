@@ -21,7 +21,7 @@ choice! {
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
         Rectangular = "rectangular",
-        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
+        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, exact to rounding errors; a filter that uses it takes five times
         /// as long. [Van Loan 1978]
         VanLoan = "van_loan",
     }

@@ -30,18 +30,18 @@ choice! {
 params! {
     /// A network and its training.
     pub struct NetworkKeys;
-    /// Number of units of each hidden layer, for up to three layers.
-    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`: the layers of its network", rule Rule::Between(1.0, 1000.0);
+    /// Number of units in each hidden layer, for up to three layers.
+    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`, the layers of that network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
     activation: ActivationFunction, unit "", default ActivationFunction::Swish;
-    /// Inputs of the network: entries of `features`, each given by its name or by a prefix (the part before a `_`) that
-    /// selects all names beginning with it.
+    /// Inputs of the network: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;
+    /// it selects all names that begin with it.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// Number of epochs with Adam.
+    /// Number of training epochs with Adam.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
-    /// Number of L-BFGS iterations on all samples after Adam.
+    /// Number of L-BFGS iterations after training with Adam. Each iteration uses all samples.
     lbfgs_epochs: usize, unit "1", default 0usize, rule Rule::Between(0.0, 10_000.0);
-    /// Number of samples per step of Adam.
+    /// Number of samples in each step of Adam.
     batch: usize, unit "samples", default 2048usize, rule Rule::Between(1.0, 1e7);
     /// Learning rate of Adam.
     learning_rate: f64, unit "1", default 0.001, rule Rule::Positive;
@@ -51,24 +51,25 @@ params! {
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
     /// Residual at which the Huber loss becomes linear, in units of the target's scale.
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Weight decay (AdamW): a step of Adam subtracts this fraction of each weight, times the learning rate.
+    /// Weight decay (AdamW): each step of Adam multiplies the weights by 1 minus the product of this value and the
+    /// learning rate.
     weight_decay: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the hidden units that a training step omits.
+    /// Fraction of the hidden units that each training step omits at random.
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
     /// Strength of the sparse group lasso on the weights of each input.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the lasso penalty that is applied to the weights of each input as a group. The remainder is applied
-    /// to single weights.
+    /// Fraction of the lasso penalty that is applied to the weights of each input as a group. The remaining fraction is
+    /// applied to individual weights.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
     /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with the smallest
     /// validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Training stops after this many epochs without an improvement in the validation loss.
     patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
-    /// Number of networks that are trained from different initial weights and averaged. Their spread gives the standard
-    /// deviation of the prediction.
+    /// Number of networks that start from different initial weights and whose predictions are averaged. The spread of
+    /// their predictions gives `mag_aircraft_sigma` of `compensate`.
     members: usize, unit "1", default 1usize, rule Rule::Between(1.0, 100.0);
-    /// Seed of initial weights, batch order and dropout.
+    /// Seed for the initial weights, the order of the batches, and dropout.
     seed: usize, unit "", default 0usize;
 }
 

@@ -9,17 +9,17 @@ use crate::fit::samples::FitSamples;
 params! {
     /// Vector form of Tolles-Lawson.
     pub struct VectorModelKeys;
-    /// Scalar field of the aircraft, computed from its vector.
+    /// Method that computes the scalar aircraft field from its vector.
     coupling: FieldCoupling, unit "", default FieldCoupling::Magnitude;
-    /// `bt_scale_nt` of the stage that computes the terms, for `coupling = "magnitude"`.
+    /// Value of `bt_scale_nt` in the stage that computes the terms, for `coupling = "magnitude"`.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
 }
 
 params! {
     /// Curriculum of a training.
     pub struct CurriculumKeys;
-    /// Limit that selects the samples of the first phases: largest distance of the error of the ridge fit from its
-    /// mean, in standard deviations of this error.
+    /// Limit that selects the samples of the first phases: largest deviation of the ridge fit's error from its mean, in
+    /// standard deviations of this error.
     curriculum_sigma: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 

@@ -17,7 +17,7 @@ choice! {
         Used = "used",
         /// No measurement.
         Missing = "missing",
-        /// Predicted position off the map or in an unknown cell.
+        /// Predicted position off the map or in a cell with an unknown node.
         OffMap = "off_map",
         /// Innovation above the gate.
         Gated = "gated",

@@ -89,12 +89,12 @@ params! {
     pub struct ChannelKeys;
     /// Delay of the recorded value.
     delay_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
-    /// Time constant of the column's first-order response, for example of a filter or of an induction sensor around the
-    /// wire.
+    /// Time constant of the column's first-order response, for example due to a filter or to an induction sensor around
+    /// the wire.
     response_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Largest magnitude that the column can hold, in the column's unit. Larger values are clipped to it.
     limit: Option<f64>, unit "", absent "none", rule Rule::Positive;
-    /// Constant value of the column, in its unit, to which noise is added. Simulates a sensor that is broken or
+    /// Constant value of the column, in its unit, to which noise is added. It simulates a sensor that is broken or
     /// attached to the wrong wire.
     stuck_at: Option<f64>, unit "", absent "no fault", rule Rule::Finite;
 }
@@ -122,12 +122,13 @@ params! {
     closed: bool, unit "", default false;
     /// Number of turns along the path.
     turns: f64, unit "1", default 1.0, rule Rule::Finite;
-    /// Current at which half of the current takes this path. Simulates bonded joints of the airframe parallel to a
-    /// wire. The path carries I abs(I) / (abs(I) + `onset_a`). At 0 it carries the whole current.
+    /// Current at which the path carries half of the total current. It simulates bonded joints of the airframe in
+    /// parallel with a wire. Of a current I, the path carries I abs(I) / (abs(I) + `onset_a`). With 0 it carries the
+    /// whole current.
     onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Position of a small coil in the body frame (nose, right, down). It replaces `path`.
     place_m: Option<[f64; 3]>, unit "m", absent "no coil", rule Rule::Finite;
-    /// Magnetic moment of the coil per ampere, A m²/A, in the body frame.
+    /// Magnetic moment of the coil per ampere (A m²/A), in the body frame.
     moment_m2: Option<[f64; 3]>, unit "m2", absent "no coil", rule Rule::Finite;
 }
 

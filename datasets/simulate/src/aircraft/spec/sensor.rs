@@ -125,7 +125,7 @@ params! {
 params! {
     /// Dropouts of a sensor; both times are means of exponential distributions.
     pub struct DropoutKeys;
-    /// Mean interval from the end of one dropout to the next.
+    /// Mean interval from the end of one dropout to the start of the next.
     mean_s: f64, unit "s", rule Rule::Positive;
     /// Mean duration of a dropout.
     for_s: f64, unit "s", default 1.0, rule Rule::Positive;
@@ -155,9 +155,9 @@ params! {
     pub struct SamplingKeys;
     /// Readings per second. A rate above the table's rate has no effect.
     rate_hz: Option<f64>, unit "Hz", absent "`rate_hz` of the spec", rule Rule::Positive;
-    /// Lag of the readings. Positive when a reading is late.
+    /// Lag of the readings, positive if they are late.
     lag_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
-    /// Holds the last reading until the next one. If false, interpolates linearly between readings.
+    /// Holds the last reading until the next one. If false, values are interpolated linearly between readings.
     hold: bool, unit "", default false;
 }
 
@@ -173,9 +173,9 @@ params! {
     /// Name of the column, `mag_N_uc` or `mag_1_c`.
     name: String, unit "";
     /// Position relative to the INS in the body frame (nose, right, down). The earth's field is evaluated at this
-    /// position with the true attitude, so that two magnetometers measure the gradient between them.
+    /// position with the true attitude, so that two magnetometers measure the gradient between their positions.
     arm_m: [f64; 3], unit "m", default [0.0; 3], rule Rule::Between(-200.0, 200.0);
-    /// Standard deviation of white noise.
+    /// Standard deviation of the white noise.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Slow drift of the reading.
     drift: Option<NestedParams<DriftKeys>>, unit "", absent "none";
@@ -184,10 +184,11 @@ params! {
     heading_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Optical axis, the direction of the light, in the body frame. A nonzero vector of any length.
     axis: [f64; 3], unit "1", default [0.0, 1.0, 1.0], rule Rule::Finite;
-    /// Dead zone about the optical axis: minimum angle between the field and the axis for a reading.
+    /// Dead zone about the optical axis: the sensor gives readings only if the angle between field and axis is at least
+    /// this large.
     dead_polar_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
-    /// Dead zone about the plane normal to the optical axis: minimum angle between the field and the plane for a
-    /// reading.
+    /// Dead zone about the plane normal to the optical axis: the sensor gives readings only if the angle between field
+    /// and plane is at least this large.
     dead_equatorial_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
     /// Dropouts of the sensor.
     dropouts: Option<NestedParams<DropoutKeys>>, unit "", absent "none";
@@ -204,13 +205,13 @@ params! {
     pub struct VectorKeys, groups [source: AircraftFieldKeys, sampling: SamplingKeys];
     /// Name of the columns without `_x`, `_y`, `_z`: `flux_X`.
     name: String, unit "";
-    /// Standard deviation of white noise of each axis.
+    /// Standard deviation of the white noise of each axis.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Standard deviation of the bias of each axis.
     offset_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Standard deviation of the relative scale error of each axis.
     scale: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.5);
-    /// Standard deviation of the three non-orthogonality angles of the axes.
+    /// Standard deviation of the three non-orthogonality angles between the axes.
     non_orthogonal_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 10.0);
     /// Standard deviation of the three misalignment angles relative to the body.
     misaligned_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 30.0);
@@ -226,15 +227,15 @@ params! {
     linearity_ppm: f64, unit "ppm", default 0.0, rule Rule::Between(0.0, 1e5);
     /// Full scale of the sensor.
     full_scale_nt: f64, unit "nT", default 100_000.0, rule Rule::Positive;
-    /// Remanence of each axis: its reading at zero field after a loop of its field between ±50,000 nT. It is half the
-    /// width of the hysteresis loop (Rayleigh's law).
+    /// Remanence of each axis: the reading at zero field after the field along the axis has been cycled between ±50,000
+    /// nT. It is half the width of the hysteresis loop (Rayleigh's law).
     core_hysteresis_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Coupling of each current into the readings of this sensor through cables and supply, per ampere. Keys are names
-    /// of currents. A value is a vector, or a magnitude whose direction is drawn.
+    /// Error of this sensor's readings per ampere of each current, coupled through cables and the power supply. Keys
+    /// are names of currents. A value is a vector, or a magnitude whose direction is drawn.
     crosstalk: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "none", rule Rule::Finite;
     /// Corner frequency (-3 dB) of the first-order response.
     bandwidth_hz: Option<f64>, unit "Hz", absent "no response delay", rule Rule::Positive;
-    /// Lag of each axis in addition to `lag_s`. Simulates a converter that reads the axes in turn.
+    /// Lag of each axis in addition to `lag_s`. A converter that reads the axes in turn has such lags.
     axis_lag_s: [f64; 3], unit "s", default [0.0; 3], rule Rule::Between(0.0, 60.0);
     /// Slow drift of each axis.
     drift: Option<NestedParams<DriftKeys>>, unit "", absent "none";

@@ -109,28 +109,28 @@ params! {
     induced_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Draws a symmetric induced tensor.
     induced_symmetric: bool, unit "", default true;
-    /// Eddy matrix, nT per nT/s.
+    /// Eddy matrix, in nT per nT/s.
     eddy: Option<[[f64; 3]; 3]>, unit "s", absent "drawn with the size `eddy_s`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn eddy matrix.
     eddy_s: Option<f64>, unit "s", absent "0", rule Rule::NotNegative;
-    /// Standard deviation of the change of each component of the permanent field between flights, as caused by the
-    /// shock of a landing. It is drawn for each flight.
+    /// Standard deviation of the change in each component of the permanent field between flights, such as the shock of
+    /// a landing causes. The change is drawn for each flight.
     permanent_shift_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Random walk of each component of the permanent field from the flight's start, nT/√h.
+    /// Random walk of each component of the permanent field from the flight's start, in nT/√h.
     permanent_walk_nt_per_sqrt_h: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Field caused by wing bending, nT per m/s² of vertical specific force in excess of level flight.
+    /// Field caused by wing bending, in nT per m/s² of vertical specific force in excess of level flight.
     flex: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `flex_nt_per_mps2`", rule Rule::Finite;
-    /// Magnitude of the field caused by wing bending, nT per m/s². Its direction is drawn.
+    /// Magnitude of the field caused by wing bending, in nT per m/s². Its direction is drawn.
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Excess specific force at which wing bending saturates.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
-    /// Remanence of the airframe's iron. Column j is the field after a loop of the earth's field along body axis j
-    /// between ±50,000 nT and back to zero. It is half the width of the hysteresis loop.
+    /// Remanence of the airframe's iron. Column j is the remaining field after the earth's field along body axis j has
+    /// been cycled between ±50,000 nT and returned to zero. It is half the width of the hysteresis loop.
     hysteresis: Option<[[f64; 3]; 3]>, unit "nT", absent "drawn with the size `hysteresis_nt`", rule Rule::Finite;
-    /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field keeps up to 3 % of
-    /// the induced field.
+    /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field retains up to 3 %
+    /// of the induced field.
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// Field of each current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
+    /// Field of each electric current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
     /// direction is drawn. The field of `wires` is added.
     currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
 }

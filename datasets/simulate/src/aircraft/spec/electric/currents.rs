@@ -41,12 +41,12 @@ pub struct Current {
 /// Control of a current: a level from 0 (off) to 1 (fully on).
 #[derive(Clone, Debug, PartialEq)]
 pub enum CurrentControl {
-    /// On and off at random, with exponentially distributed durations.
+    /// Switches on and off at random, with exponentially distributed durations.
     Switched {
         /// Mean durations of off and on, in seconds.
         mean_off_on_s: (f64, f64),
     },
-    /// On from `t_on` to `t_off`, in seconds after the flight's start.
+    /// On from `t_on` to `t_off`, in seconds from the flight's start.
     Schedule {
         /// The times, in order.
         on_off_s: Vec<[f64; 2]>,
@@ -64,7 +64,7 @@ pub enum CurrentControl {
     Steady,
     /// Follows the engine's throttle.
     Engine(EngineThrottle),
-    /// Follows the attitude rates that servos control.
+    /// Follows the attitude rates that the servos control.
     Servo {
         /// Weights of the rates of roll, pitch and yaw.
         axes: Vector3<f64>,
@@ -112,7 +112,7 @@ impl SynthVariantValue for CurrentControl {
 }
 
 variant! {
-    /// On and off at random, with exponentially distributed durations.
+    /// Switches on and off at random, with exponentially distributed durations.
     SWITCHED: CurrentControl = "switched", |keys| CurrentControl::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
     struct SwitchedKeys;
     /// Mean duration of the off state.
@@ -122,15 +122,15 @@ variant! {
 }
 
 variant! {
-    /// On from `t_on` to `t_off`, in seconds after the flight's start.
+    /// On from `t_on` to `t_off`, in seconds from the flight's start.
     SCHEDULE: CurrentControl = "schedule", |keys| CurrentControl::Schedule { on_off_s: keys.schedule };
     struct ScheduleKeys;
-    /// Switching times in ascending order, `[[t_on, t_off], ...]`, in s after the flight's start.
+    /// Switching times in ascending order, `[[t_on, t_off], ...]`, in seconds from the flight's start.
     schedule: Vec<[f64; 2]>, unit "s", rule Rule::Finite;
 }
 
 variant! {
-    /// On for `for_s` every `every_s`, like a strobe light.
+    /// Switches on for `for_s` every `every_s`, like a strobe light.
     PERIODIC: CurrentControl = "periodic",
     |keys| CurrentControl::Periodic { every_s: keys.every_s, for_s: keys.for_s, first_s: keys.first_s };
     struct PeriodicKeys;
@@ -138,7 +138,7 @@ variant! {
     every_s: f64, unit "s", rule Rule::Positive;
     /// Time for which the current is on in each period. At most `every_s`.
     for_s: f64, unit "s", rule Rule::Positive;
-    /// First start, in s after the flight's start.
+    /// Time of the first start, in seconds from the flight's start.
     first_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
 }
 
@@ -149,7 +149,7 @@ variant! {
 }
 
 variant! {
-    /// Follows the engine's throttle, which holds speed and climb. The level is from 0 to 1.
+    /// Follows the engine's throttle, which maintains speed and climb. The level is between 0 and 1.
     ENGINE: CurrentControl = "engine", |keys| {
         let EngineKeys { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s } = keys;
         CurrentControl::Engine(EngineThrottle { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s })
@@ -161,7 +161,7 @@ variant! {
     cruise_mps: f64, unit "m/s", default 60.0, rule Rule::Positive;
     /// Additional throttle for a climb of 1 m/s.
     per_climb_mps: f64, unit "1", default 0.05, rule Rule::NotNegative;
-    /// Additional throttle for lift-induced drag, multiplied by (load factor² - 1).
+    /// Additional throttle for lift-induced drag, per unit of (load factor² - 1).
     per_load: f64, unit "1", default 0.2, rule Rule::NotNegative;
     /// Standard deviation of small corrections of the throttle.
     ripple: f64, unit "1", default 0.0, rule Rule::NotNegative;
@@ -170,7 +170,7 @@ variant! {
 }
 
 variant! {
-    /// Follows the attitude rates that servos control.
+    /// Follows the attitude rates that the servos control.
     SERVO: CurrentControl = "servo", |keys| {
         CurrentControl::Servo { axes: Vector3::from(keys.axes), full_dps: keys.full_dps, signed: keys.signed }
     };
@@ -179,12 +179,13 @@ variant! {
     axes: [f64; 3], unit "1", default [1.0; 3], rule Rule::Finite;
     /// Rate at which the level is 1.
     full_dps: f64, unit "deg/s", default 20.0, rule Rule::Positive;
-    /// Adds the signed rates, as for the iron of a deflected control surface. If false, adds their magnitudes.
+    /// Sums the signed rates, as for the iron of a deflected control surface. If false, their magnitudes are summed.
     signed: bool, unit "", default false;
 }
 
 variant! {
-    /// Follows a thermostat's heater: on below `keep_degc - band_degc / 2`, off above `keep_degc + band_degc / 2`.
+    /// Follows a thermostatically controlled heater: on below `keep_degc - band_degc / 2`, off above `keep_degc +
+    /// band_degc / 2`.
     HEATER: CurrentControl = "heater", |keys| {
         let HeaterKeys { keep_degc, band_degc, power_degc, warm_tau_s } = keys;
         CurrentControl::Heater(Thermostat { keep_degc, band_degc, power_degc, tau_s: warm_tau_s })
@@ -221,13 +222,13 @@ params! {
     resolution_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Records the current in a column. If false, the current flows but is not recorded.
     measured: bool, unit "", default true;
-    /// Fraction of each change of the current's field that eddy currents in nearby conductors delay. The column does
+    /// Fraction of each change in the current's field that eddy currents in nearby conductors delay. The column does
     /// not show this delay.
     eddy_share: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1.0);
     /// Time constant of the decay of those eddy currents.
     eddy_tau_s: f64, unit "s", default 0.1, rule Rule::Positive;
     /// Remanent field of iron near the wires after the full current is switched off, as a fraction of the current's
-    /// field. It is half the width of the hysteresis loop (Rayleigh's law).
+    /// field. This fraction is half the width of the hysteresis loop (Rayleigh's law).
     remanence: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1.0);
 }
 

@@ -19,7 +19,7 @@ pub struct ControlSignal {
     pub offset: f64,
     /// Gain.
     pub gain: f64,
-    /// Standard deviation of white noise, in the column's unit.
+    /// Standard deviation of the white noise, in the column's unit.
     pub noise: f64,
     /// Quantisation step of the recorded values; 0 disables rounding.
     pub resolution: f64,
@@ -30,7 +30,7 @@ pub struct ControlSignal {
 /// Quantity that a control signal records.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ControlQuantity {
-    /// The level of a current, 0 to 1, such as the throttle. Kind `current`, with the key `of`.
+    /// The level of a current, from 0 to 1, such as the throttle. Kind `current`, with the key `of`.
     Level(usize),
     /// Rate of roll (aileron), of pitch (elevator) or of yaw (rudder), in degrees per second.
     Rate(usize),
@@ -54,7 +54,7 @@ impl SynthVariantValue for NamedControlQuantity {
 }
 
 variant! {
-    /// The level of a current, 0 to 1, such as the throttle.
+    /// The level of a current, from 0 to 1, such as the throttle.
     LEVEL: NamedControlQuantity = "current", |keys| NamedControlQuantity::Level(keys.of);
     struct LevelKeys;
     /// Index of the current.
@@ -107,7 +107,7 @@ params! {
     offset: f64, unit "", default 0.0, rule Rule::Finite;
     /// Gain.
     gain: f64, unit "1", default 1.0, rule Rule::Finite;
-    /// Standard deviation of white noise, in the column's unit.
+    /// Standard deviation of the white noise, in the column's unit.
     noise: f64, unit "", default 0.0, rule Rule::NotNegative;
     /// Quantisation step of the recorded values; 0 disables rounding.
     resolution: f64, unit "", default 0.0, rule Rule::NotNegative;
