@@ -118,12 +118,12 @@ stage! {
     /// package.
     ///
     /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input lies
-    /// between the quantiles `tails` and 1 - `tails` of its values on the line. Correlated inputs then take combinations
-    /// that do not occur in the data: the values describe the model over the ranges, not its behaviour on the line. The
-    /// shares of correlated inputs do not add up to the variance of the prediction on the line. An input that is
-    /// constant on the line has the value 0. `error` is the standard error; `low` and `high` are the bounds of a 95 %
-    /// interval of a Sobol index, by bootstrap. First-order indices below the total indices show interactions. The
-    /// effects of a group of several inputs have no `spread`.
+    /// between the quantiles `tails` and 1 - `tails` of its values on the line. Correlated inputs then take
+    /// combinations that do not occur in the data: the values describe the model over the ranges, not its behaviour on
+    /// the line. The shares of correlated inputs do not add up to the variance of the prediction on the line. An input
+    /// that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are the bounds of
+    /// a 95 % interval of a Sobol index, by bootstrap. First-order indices below the total indices show interactions.
+    /// The effects of a group of several inputs have no `spread`.
     ///
     /// A sweep gives the increase of the error when an input is dropped and the model is refitted. Its axis holds all
     /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, for `entries` or `inputs` of

@@ -59,7 +59,8 @@ window_s = 20.0
     window_s: f64, unit "s", default 60.0, rule Rule::Positive;
     /// Treats a constant of the measurement as unknown.
     unknown_constant: bool, unit "", default false;
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear
+    /// map.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";

@@ -38,8 +38,10 @@ map_levels_m = [300.0, 400.0]
 "#;
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
     /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
-    position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    position: Option<PositionSource>, unit "",
+        absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear
+    /// map.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";

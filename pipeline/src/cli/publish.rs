@@ -73,7 +73,11 @@ pub fn run(catalogue: &[StageEntry], args: &PublishArgs) -> Result<(), ExitReaso
 
 fn as_json(done: &ReleaseSummary, to: &str) -> String {
     let rule = |name: &String| done.rules.iter().find(|(table, _)| table == name).map(|(_, rule)| rule);
-    let one = |(name, rows, files): &(String, u64, usize)| json!({ "table": name, "rows": rows, "files": files, "rule": rule(name) });
+    let one = |(name, rows, files): &(String, u64, usize)| {
+        json!({
+            "table": name, "rows": rows, "files": files, "rule": rule(name),
+        })
+    };
     let tables: Vec<_> = done.tables.iter().map(one).collect();
     let text = json!({
         "to": to, "written": done.written, "files": done.files, "run": done.run, "tables": tables,

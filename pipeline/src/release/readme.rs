@@ -181,7 +181,8 @@ fn again(set: &ReleaseSet) -> String {
     let _ = writeln!(
         text,
         "\nWith these inputs, the following commands give the same bytes:\n\n```sh\nmagline run '{0}' --set \
-         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{restricted_flag}\n```",
+         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set \
+         store=/tmp/store{sets}{restricted_flag}\n```",
         lock.spec,
         tables.join(" ")
     );

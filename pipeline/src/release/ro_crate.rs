@@ -60,7 +60,7 @@ pub fn write(set: &ReleaseSet) -> Value {
             id.clone(),
             json!({
                 "@id": id, "@type": "Dataset", "name": table.name, "hasPart": refer(&files),
-                "description": if table.description.is_empty() { table.kind.clone() } else { table.description.clone() },
+                "description": if table.description.is_empty() { &table.kind } else { &table.description },
             }),
         );
         part(
@@ -96,12 +96,19 @@ pub fn write(set: &ReleaseSet) -> Value {
     }
     graph.extend(provenance(set));
     graph.extend(people(&about.authors, &authors));
-    graph.push(json!({ "@id": about.licence.url, "@type": "CreativeWork", "name": about.licence.title, "identifier": about.licence.name }));
-    graph.push(json!({ "@id": "#contact", "@type": "ContactPoint", "contactType": "questions about the data set", contact_key(&about.contact): about.contact }));
+    graph.push(json!({
+        "@id": about.licence.url, "@type": "CreativeWork", "name": about.licence.title,
+        "identifier": about.licence.name,
+    }));
+    graph.push(json!({
+        "@id": "#contact", "@type": "ContactPoint", "contactType": "questions about the data set",
+        contact_key(&about.contact): about.contact,
+    }));
     let mut root = json!({
         "@id": "./", "@type": "Dataset", "name": about.title, "description": about.description,
         "datePublished": about.date, "version": about.version, "license": { "@id": about.licence.url },
-        "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)), "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
+        "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)),
+        "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
         "mentions": refer(&set.lock.stages.iter().map(action_id).collect::<Vec<_>>()),
     });
     if !about.keywords.is_empty() {
@@ -176,7 +183,11 @@ fn people(authors: &[Person], ids: &[String]) -> Vec<Value> {
         }
         found.push(out);
     }
-    let institute = |(i, name): (usize, &&String)| json!({ "@id": format!("#institute-{}", i + 1), "@type": "Organization", "name": name });
+    let institute = |(i, name): (usize, &&String)| {
+        json!({
+            "@id": format!("#institute-{}", i + 1), "@type": "Organization", "name": name,
+        })
+    };
     found.extend(institutes.iter().enumerate().map(institute));
     found
 }
@@ -256,7 +267,8 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
             stage.parameters.iter().map(|(key, values)| format!("{key} = {}", values.join(" | "))).collect();
         let rows = stage.predicate.as_ref().map(|p| format!(" where {p}")).unwrap_or_default();
         found.push(json!({
-            "@id": action_id(stage), "@type": "CreateAction", "name": format!("{} by {}{rows}", stage.table, stage.stage),
+            "@id": action_id(stage), "@type": "CreateAction",
+            "name": format!("{} by {}{rows}", stage.table, stage.stage),
             "description": parameters.join("; "), "identifier": stage.key,
             "instrument": { "@id": program_id(stage) },
             "object": refer(&stage.inputs.iter().flat_map(object).collect::<Vec<_>>()),
@@ -266,7 +278,9 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
     }
     if !set.dictionary.restricted.is_empty() {
         let chains: Vec<String> = set.dictionary.restricted.iter().map(protect::chain).collect();
-        found.push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": chains.join("; ") }));
+        found.push(json!({
+            "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": chains.join("; "),
+        }));
     }
     debug_assert!(lock.spec.starts_with(inputs::FOLDER));
     found

@@ -33,7 +33,8 @@ filter! {
     /// of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
-    Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    example "discretisation = \"trapezoidal\"";
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the covariance `p` (row-major).

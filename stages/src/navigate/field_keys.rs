@@ -23,7 +23,8 @@ params! {
         absent "true if the flight has a column `diurnal` that has not yet been subtracted from the measurement";
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear
+    /// map.
     map_interpolation: Option<MapInterpolation>, unit "",
         absent "`cubic` with `tuning = \"auto\"`, else `linear`";
     /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated

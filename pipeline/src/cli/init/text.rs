@@ -53,8 +53,8 @@ impl InitText<'_> {
         scalar.or_else(|| all.iter().find(|t| !t.vectors.is_empty())).or_else(|| all.first())
     }
 
-    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position that
-    /// it lacks.
+    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position
+    /// that it lacks.
     fn inputs(&self) -> Vec<&TableFindings> {
         let Some(main) = self.main() else { return vec![] };
         let mut chosen = vec![main];
@@ -108,8 +108,8 @@ impl InitText<'_> {
             text += &self.block(table, inputs.len() > 1);
         }
         if !main.has("year") {
-            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in `time` of \
-                     a mapping.\n";
+            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in \
+                     `time` of a mapping.\n";
         }
         if let Some(map) = &self.map {
             text += &format!("\n[tables.anomaly]\npath = {}\n", quoted(map));
@@ -197,8 +197,8 @@ impl InitText<'_> {
         }
         let Some(_) = &self.map else { return text };
         text += &format!(
-            "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \"map_value\"\ninput = \
-             \"{last}\"\nmap   = \"anomaly\"\n"
+            "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \"map_value\"\n\
+             input = \"{last}\"\nmap   = \"anomaly\"\n"
         );
         if self.navigates && last == "clean" {
             let others = calibration.filter(|_| main.lines.len() > 1).map(|((_, line), _)| sql(line));
