@@ -90,6 +90,10 @@ pub use windowed::{MemoryLayers, SampleRuns, WindowedNetworkShape};
 #[cfg(test)]
 mod onnx_tests;
 #[cfg(test)]
+mod shape_tests;
+#[cfg(test)]
+mod state_tests;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod together_tests;
