@@ -96,20 +96,20 @@ pub fn write(set: &ReleaseSet) -> Value {
     }
     graph.extend(provenance(set));
     graph.extend(people(&about.authors, &authors));
-    graph.push(json!({
-        "@id": about.licence.url, "@type": "CreativeWork", "name": about.licence.title,
-        "identifier": about.licence.name,
-    }));
+    let licence = &about.licence;
+    graph.push(
+        json!({ "@id": licence.url, "@type": "CreativeWork", "name": licence.title, "identifier": licence.name }),
+    );
     graph.push(json!({
         "@id": "#contact", "@type": "ContactPoint", "contactType": "questions about the data set",
         contact_key(&about.contact): about.contact,
     }));
+    let stages: Vec<String> = set.lock.stages.iter().map(action_id).collect();
     let mut root = json!({
         "@id": "./", "@type": "Dataset", "name": about.title, "description": about.description,
-        "datePublished": about.date, "version": about.version, "license": { "@id": about.licence.url },
+        "datePublished": about.date, "version": about.version, "license": { "@id": licence.url },
         "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)),
-        "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
-        "mentions": refer(&set.lock.stages.iter().map(action_id).collect::<Vec<_>>()),
+        "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts), "mentions": refer(&stages),
     });
     if !about.keywords.is_empty() {
         root["keywords"] = json!(about.keywords.join(", "));
@@ -184,9 +184,8 @@ fn people(authors: &[Person], ids: &[String]) -> Vec<Value> {
         found.push(out);
     }
     let institute = |(i, name): (usize, &&String)| {
-        json!({
-            "@id": format!("#institute-{}", i + 1), "@type": "Organization", "name": name,
-        })
+        let id = format!("#institute-{}", i + 1);
+        json!({ "@id": id, "@type": "Organization", "name": name })
     };
     found.extend(institutes.iter().enumerate().map(institute));
     found
@@ -277,10 +276,9 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
         }));
     }
     if !set.dictionary.restricted.is_empty() {
-        let chains: Vec<String> = set.dictionary.restricted.iter().map(protect::chain).collect();
-        found.push(json!({
-            "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": chains.join("; "),
-        }));
+        let text = set.dictionary.restricted.iter().map(protect::chain).collect::<Vec<_>>().join("; ");
+        found
+            .push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": text }));
     }
     debug_assert!(lock.spec.starts_with(inputs::FOLDER));
     found

@@ -82,8 +82,8 @@ impl InitText<'_> {
         };
         let mut text =
             "\n# There is no scalar magnetometer. The magnitude of the vector magnetometer is compensated, with the \
-                        core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor \
-                        reproduce its\n# magnitude exactly, so they are not used.\n"
+             core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor reproduce its\n\
+             # magnitude exactly, so they are not used.\n"
                 .to_owned();
         let mut last = "even";
         if above_sea {
@@ -100,20 +100,12 @@ impl InitText<'_> {
             (String::new(), "all lines, so that its scores are `in_sample`")
         };
         text += &format!(
-            "\n[[stages]]\nname     = \"core\"\nstage    = \"core_field\"\ninput    = \"{last}\"\n\
-             attitude = \"ins\"\n\n\
-             [[stages]]\nname   = \"total\"\nstage  = \"magnitude\"\ninput  = \"core\"\nvector = {vector}\n\n\
-             [[stages]]\nname           = \"residual\"\nstage          = \"target\"\ninput          = \"total\"\n\
-             kind           = \"e\"\nmag            = {magnitude}\nremove_diurnal = false   # add the record of an \
-             observatory with the stage `diurnal`\n\n[[stages]]\nname     = \"terms\"\nstage    = \"features\"\n\
-             input    = \"residual\"\nfeatures = [{core}]\n\n# Calibrated on {of_half}.\n[[stages]]\nname     = \
-             \"coefficients\"\nstage    = \"fit\"\ninput    = \"terms\"\n{condition}model    = \"tolles_lawson\"\n\
-             lambda   = 0.0\ntarget   = \"target\"\nfeatures = [\"features\"]\nlow_hz   = 0.0\nhigh_hz  = 0.0\n\
-             trim     = 0\n\n\
-             [[stages]]\nname  = \"clean\"\nstage = \"compensate\"\ninput = \"terms\"\nmodel = \"coefficients\"\n\
-             mag   = {magnitude}\n\n# The reference is the core field, so the errors include the anomaly.\n[[stages]]\n\
-             name    = \"scores\"\nstage   = \"score\"\ninput   = [\"clean\"]\ntruth   = \"igrf\"\n\
-             metrics = [\"std_uncompensated\", \"std_error\", \"improvement_ratio\"]\n",
+            include_str!("vector_stages.txt"),
+            last = last,
+            vector = vector,
+            magnitude = magnitude,
+            condition = condition,
+            of_half = of_half,
             core = quoted(&format!("core_{}", vector.trim_matches('"'))),
         );
         text
