@@ -1,20 +1,32 @@
-//! Structure of the source: sizes of crates, and cycles of files that use each other.
+//! Structure of the source: sizes of crates, cycles of files that use each other, widths of lines, forms of modules.
+//!
+//! The tests print the rows of the table in `STRUCTURE.md`.
 //!
 //! A file uses another file if it names an item of that file by a path from `crate`, `self` or `super`. Test modules do
 //! not count, and the root of a crate is excluded, because it re-exports items.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    fmt::Display,
     fs,
     path::{Path, PathBuf},
 };
 
-use crate::support::repository;
+use crate::{support::repository, words::files};
 
 /// Maximum number of files that use each other in a circle.
 const LARGEST_CIRCLE: usize = 7;
 /// Maximum number of lines of a crate below `pipeline`, without tests.
 const LARGEST_CRATE: usize = 13_000;
+/// Maximum width of a line, in columns.
+const WIDEST_LINE: usize = 120;
+/// Languages whose lines are measured.
+const MEASURED: [&str; 5] = [".rs", ".py", ".js", ".css", ".sh"];
+
+/// Prints a row of the table in `STRUCTURE.md`.
+pub fn print_row(measure: &str, found: impl Display, limit: impl Display) {
+    println!("| {measure} | {found} | {limit} |");
+}
 
 /// Path of a module from the root of its crate.
 type ModulePath = Vec<String>;
@@ -160,20 +172,50 @@ fn largest_circle(source: &CrateSource) -> Vec<String> {
 fn user_no_circle_of_files_is_large() {
     let circles: Vec<(String, Vec<String>)> = crates().iter().map(|c| (c.name.clone(), largest_circle(c))).collect();
     for (name, circle) in &circles {
-        println!("{name}: {} files", circle.len());
+        println!("{name}: {} files: {}", circle.len(), circle.join(", "));
         assert!(circle.len() <= LARGEST_CIRCLE, "{name}: {}", circle.join(", "));
     }
+    let largest = circles.iter().map(|(_, circle)| circle.len()).max();
+    print_row("largest circle of files", largest.unwrap(), LARGEST_CIRCLE);
     // A reader of paths that finds nothing would pass.
     assert!(circles.iter().any(|(_, circle)| circle.len() >= 4), "{circles:?}");
 }
 
 #[test]
 fn user_crates_of_the_pipeline_are_small() {
+    let mut largest = 0;
     for source in crates().iter().filter(|c| c.name.starts_with("pipeline") || c.name == "datasets/intake") {
         let lines: usize = source.modules.values().map(|code| code.lines().count()).sum();
         println!("{}: {lines} lines of code in {} files", source.name, source.modules.len());
         assert!(lines <= LARGEST_CRATE, "{} has {lines} lines", source.name);
+        largest = largest.max(lines);
     }
+    print_row("largest crate of the pipeline, lines", largest, LARGEST_CRATE);
+}
+
+#[test]
+fn user_lines_are_not_wider_than_the_limit() {
+    let (mut all, mut wide) = (0, vec![]);
+    for (path, text) in files(&MEASURED).iter().filter(|(path, _)| !path.contains("/vendor/")) {
+        for (at, line) in text.lines().enumerate() {
+            all += 1;
+            if line.chars().count() > WIDEST_LINE {
+                wide.push(format!("{path}:{}: {line}", at + 1));
+            }
+        }
+    }
+    print_row("lines over 120 columns", wide.len(), 0);
+    assert!(all > 200_000, "{all} lines");
+    assert!(wide.is_empty(), "{}", wide.join("\n"));
+}
+
+/// The shared modules of integration tests and benches are in folders, because a file would be a test of its own.
+#[test]
+fn user_modules_have_one_form() {
+    let paths = files(&[".rs"]).into_iter().map(|(path, _)| path);
+    let found: Vec<String> = paths.filter(|path| path.contains("/src/") && path.ends_with("/mod.rs")).collect();
+    print_row("files `mod.rs`", found.len(), 0);
+    assert!(found.is_empty(), "{}: a module is `x.rs`, its parts are in `x/`", found.join(", "));
 }
 
 #[test]

@@ -24,7 +24,8 @@ fn refused(spec: &str) -> String {
 #[test]
 fn gold_misspelt_parameter() {
     let message = refused(&SPEC.replace("lambda = \"$lambda\"", "lamda  = \"$lambda\""));
-    let expected = "error: `fit` has no parameter `lamda`\n  --> spec.toml:36:1\n36 | lamda  = \"$lambda\"\n   | ^^^^^ did you mean `lambda`?\n";
+    let expected = "error: `fit` has no parameter `lamda`\n  --> spec.toml:36:1\n\
+                    36 | lamda  = \"$lambda\"\n   | ^^^^^ did you mean `lambda`?\n";
     assert_eq!(message, expected);
 }
 
@@ -190,7 +191,8 @@ fn gold_a_line_shorter_than_the_filter_is_skipped_and_no_usable_line_is_a_failur
 #[test]
 fn gold_bandpass_of_a_short_line_and_of_uneven_time() {
     let bench = Bench::new();
-    let spec = "store = \"store\"\n[tables.flights]\npath = \"flights/1.parquet\"\n[[stages]]\nname = \"slow\"\nstage = \"bandpass\"\ninput = \"flights\"\ncolumns = [\"mag_4_uc\"]\n";
+    let spec = "store = \"store\"\n[tables.flights]\npath = \"flights/1.parquet\"\n[[stages]]\nname = \"slow\"\n\
+                stage = \"bandpass\"\ninput = \"flights\"\ncolumns = [\"mag_4_uc\"]\n";
     bench.spec(spec);
     let uneven = changed(&line_of("1", "1.02", 500), "tt", |i, t| if i % 2 == 1 { t + 0.03 } else { t });
     write(&bench.path("flights/1.parquet"), &[line_of("1", "1.01", 24), uneven, line_of("1", "1.03", 25)]);

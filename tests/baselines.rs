@@ -57,7 +57,8 @@ target  = "target"
 #[test]
 fn user_trees_and_random_features_compensate_and_are_explained() {
     let bench = Bench::new();
-    let axes = "[axes]\nmodel = [\"boosted_trees\", \"random_features\"]\nmethod = [\"permutation\", \"shapley\", \"spearman\"]";
+    let axes = "[axes]\nmodel = [\"boosted_trees\", \"random_features\"]\n\
+                method = [\"permutation\", \"shapley\", \"spearman\"]";
     bench.spec(&spec(
         axes,
         "model = \"$model\"\nleaf_samples = 5\nrandom_features = 50",

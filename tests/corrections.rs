@@ -99,7 +99,8 @@ fn user_a_double_correction_is_an_error_before_the_run() {
         .replace("units   = { diurnal", "units   = { igrf")
         .replace("core_field      = false", "core_field      = true\ndecimal_year    = 2020.5");
     refused(&core, &["the core field has already been removed from `mag_c`", "core_field = false"]);
-    let target = "\n[[stages]]\nname = \"wanted\"\nstage = \"target\"\ninput = \"reduced\"\nkind = \"e\"\nmag = \"mag_r\"\n\
+    let target = "\n[[stages]]\nname = \"wanted\"\nstage = \"target\"\ninput = \"reduced\"\nkind = \"e\"\n\
+                  mag = \"mag_r\"\n\
                   remove_core = false\nremove_diurnal = true\n";
     let twice = ["the diurnal variation has already been removed from `mag_r`", "remove_diurnal = false"];
     refused(&format!("{}{target}", spec(reduced, "")), &twice);

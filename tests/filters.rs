@@ -147,14 +147,16 @@ fn law_a_tenfold_error_of_the_assumed_noise_is_estimated() {
 #[test]
 fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     let bench = Bench::new();
-    let two = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 2.0\n[[magnetometers]]\nname = \"mag_2_uc\"\nnoise_nt = 40.0";
+    let two = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 2.0\n[[magnetometers]]\nname = \"mag_2_uc\"\n\
+               noise_nt = 40.0";
     fs::write(bench.path("flights.synth.toml"), flights(two)).unwrap();
     // Five minutes of the quiet sensor alternate with five minutes of the noisy sensor.
     let choice =
         |noisy: &str, quiet: &str| format!("case when sin(tt * 0.0104719755) > 0 then {noisy} else {quiet} end");
     let derive = format!(
         "[[stages]]\nname = \"mixed\"\nstage = \"derive\"\ninput = \"flights\"\n\
-         columns = {{ measured = \"{}\", sigma = \"{}\", half = \"{}\" }}\nunits = {{ sigma = \"nT\", half = \"nT\" }}\n",
+         columns = {{ measured = \"{}\", sigma = \"{}\", half = \"{}\" }}\n\
+         units = {{ sigma = \"nT\", half = \"nT\" }}\n",
         choice("mag_2_uc", "mag_1_uc"),
         choice("40.0", "2.0"),
         choice("20.0", "1.0")
@@ -174,7 +176,8 @@ fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     let mut text = format!("{head}{derive}");
     for (name, keys) in ways {
         text.push_str(&format!(
-            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"mixed\"\nmap = \"anomaly\"\nmag = \"measured\"\n\
+            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"mixed\"\n\
+             map = \"anomaly\"\nmag = \"measured\"\n\
              map_interpolation = \"cubic\"\nremove_diurnal = false\n{keys}\n\
              [[stages]]\nname = \"scores_{name}\"\nstage = \"score\"\ninput = [\"mixed\", \"track_{name}\"]\n\
              metrics = [\"drms\", \"nees\", \"nis\"]\n"

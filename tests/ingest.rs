@@ -176,7 +176,8 @@ fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     let spec = |path: &str| {
         format!(
             "name = 'small'\nstore = 'store'\n[tables.log]\n{path}\n[[stages]]\nname = 'even'\nstage = 'resample'\n\
-             input = 'log'\nrate_hz = 5.0\n[[stages]]\nname = 'size'\nstage = 'magnitude'\ninput = 'even'\nvector = 'flux_a'\n"
+             input = 'log'\nrate_hz = 5.0\n[[stages]]\nname = 'size'\nstage = 'magnitude'\ninput = 'even'\n\
+             vector = 'flux_a'\n"
         )
     };
     fs::write(at.join("raw.toml"), spec("path = 'log.csv'\nmapping = 'm.toml'")).unwrap();

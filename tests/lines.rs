@@ -15,8 +15,10 @@ fn user_lines_are_divided_by_a_table_of_times() {
     let bench = Bench::new();
     write(&bench.path("flown.parquet"), &[line_of("1", "1.01", 700)]);
     let tt = numbers(&file(&bench.path("flown.parquet")), "tt");
-    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flown.parquet\"\nlines = \"lines.csv\"\n\
-                [[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { x = \"mag_4_uc - mag_5_uc\" }\n";
+    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flown.parquet\"\n\
+                lines = \"lines.csv\"\n\
+                [[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\n\
+                columns = { x = \"mag_4_uc - mag_5_uc\" }\n";
     bench.spec(spec);
     let table = |rows: &str| fs::write(bench.path("lines.csv"), format!("flight,line,t_start,t_end\n{rows}")).unwrap();
     let lines = || {
@@ -50,7 +52,8 @@ fn user_lines_are_divided_by_a_table_of_times() {
 fn simulated(folder: &Path) {
     let map = sample("osborne/osborne_anomaly_100m_at_500m.tif");
     let text = format!(
-        "seed = 3\nyear = 2020\ndoy = 185\n[map]\npath = '{map}'\n[[magnetometers]]\nname = 'mag_2_uc'\n[[flights]]\nname = '7'\n\
+        "seed = 3\nyear = 2020\ndoy = 185\n[map]\npath = '{map}'\n[[magnetometers]]\nname = 'mag_2_uc'\n[[flights]]\n\
+         name = '7'\n\
          start_tt_s = 40000.0\n[[flights.lines]]\nname = 'a'\nkind = 'box'\nalt_m = 600.0\nstart = [-22.0, 140.6]\n\
          [[flights.lines]]\nname = 'b'\nkind = 'free'\nalt_m = 600.0\n\
          waypoints = [[-22.0, 140.6], [-21.95, 140.6], [-21.95, 140.65], [-22.0, 140.65]]\n"
@@ -92,7 +95,8 @@ fn user_lines_are_found_shown_edited_and_used() {
     run(&["ingest", "flown/7.parquet", "--lines", "lines.csv", "--to", "table"], 0);
     let spec = |path: &str, lines: &str| {
         format!(
-            "name = 'small'\nstore = 'store'\n[tables.flights]\npath = '{path}'\n{lines}\n[[stages]]\nname = 'even'\nstage = 'resample'\n\
+            "name = 'small'\nstore = 'store'\n[tables.flights]\npath = '{path}'\n{lines}\n[[stages]]\nname = 'even'\n\
+             stage = 'resample'\n\
              input = 'flights'\nrate_hz = 5.0\n"
         )
     };
@@ -153,7 +157,8 @@ fn user_unusable_lines_are_rejected_before_anything_is_written() {
     // A spec reports the same error at the position of the key.
     fs::write(
         at.join("spec.toml"),
-        "name = 'small'\nstore = 'store'\n[tables.log]\npath = 'log.csv'\nmapping = 'm.toml'\nlines = 'auto'\n[[stages]]\n\
+        "name = 'small'\nstore = 'store'\n[tables.log]\npath = 'log.csv'\nmapping = 'm.toml'\nlines = 'auto'\n\
+         [[stages]]\n\
          name = 'even'\nstage = 'resample'\ninput = 'log'\nrate_hz = 5.0\n",
     )
     .unwrap();
@@ -185,7 +190,8 @@ fn user_the_report_shows_the_quality_of_the_data() {
     fs::write(at.join("a.csv"), text).unwrap();
     fs::write(
         at.join("spec.toml"),
-        "name = 'small'\nstore = 'store'\n[tables.flights]\npath = 'a.csv'\n[[stages]]\nname = 'made'\nstage = 'derive'\n\
+        "name = 'small'\nstore = 'store'\n[tables.flights]\npath = 'a.csv'\n[[stages]]\nname = 'made'\n\
+         stage = 'derive'\n\
          input = 'flights'\ncolumns = { x = \"mag_1_uc - mag_2_uc\" }\n",
     )
     .unwrap();

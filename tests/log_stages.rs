@@ -192,7 +192,8 @@ fn user_columns_derived_from_truth_stay_truth_and_units_are_checked() {
         assert_eq!(checked.status.code(), Some(2), "{}", stdout(&checked));
         stderr(&checked)
     };
-    let made = "[[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { cheat = \"mag_1_c - mag_4_uc\" }\n";
+    let made = "[[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\n\
+                columns = { cheat = \"mag_1_c - mag_4_uc\" }\n";
     for then in ["lowpass\"\ncolumns = [\"cheat\"]\ncorner_hz = 1.0", "despike\"\ncolumns = [\"cheat\"]"] {
         let column = if then.starts_with("lowpass") { "cheat_lp" } else { "cheat_ds" };
         let fit = format!(
@@ -219,7 +220,8 @@ fn user_an_axis_can_set_values_in_an_inline_table() {
     bench.spec(
         "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n[axes]\nmag = [\"mag_4_uc\", \
          \"mag_5_uc\"]\n\
-         by = [1.0, 2.0]\n[[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\nwhere = \"line = '1.01'\"\n\
+         by = [1.0, 2.0]\n[[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\n\
+         where = \"line = '1.01'\"\n\
          columns = { x = \"$by * ($mag - mag_1_c)\" }\n",
     );
     let done = bench.run(&[]);

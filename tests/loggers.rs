@@ -67,7 +67,8 @@ fn ref_ardupilot_logs_of_4_1_and_3_6_are_read_through_their_mappings() {
 }
 
 /// Rows of a MagArrow over midnight, as in its manual and in the documentation of other readers.
-const MAGARROW: &str = "Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
+const MAGARROW: &str = "\
+     Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
      GyroscopeZ,AccelerometerX, AccelerometerY, AccelerometerZ,ImuTemperature,Track,LocationSource,Hdop,FixQuality, \
      SatellitesUsed, Altitude,HeightOverEllipsoid,SpeedOverGround,MagneticVariation,VariationDirection,ModeIndicator,\
      GgaSentence,RmcSentence,EventCode,EventInfo,EventDataLength,EventData\n";

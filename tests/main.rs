@@ -68,6 +68,7 @@ mod security;
 #[cfg(feature = "serve")]
 mod serve;
 mod store;
+mod structure;
 mod support;
 mod tasks;
 mod text_fields;

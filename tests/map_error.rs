@@ -67,7 +67,8 @@ fn bench() -> Bench {
 
 fn navigate(name: &str, map: &str, keys: &str) -> String {
     format!(
-        "[[stages]]\nname = \"{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"flights\"\nmap = \"{map}\"\nmag = \"mag_1_c\"\n\
+        "[[stages]]\nname = \"{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"flights\"\n\
+         map = \"{map}\"\nmag = \"mag_1_c\"\n\
          core_field = false\nmeasurement_sigma_nt = 2.0\ninit_position_sigma_m = 50.0\n{keys}\n"
     )
 }
@@ -120,13 +121,17 @@ fn law_the_error_between_the_nodes_of_a_coarse_map_is_part_of_the_noise() {
     let flight = format!(
         "preset = \"cessna\"\nseed = 1\nrate_hz = 1.0\n[map]\npath = \"{map}\"\nalt_m = 500.0\n[ins]\n\
          grade = \"navigation\"\n[[flights]]\nname = \"plan\"\n[[flights.lines]]\nname = \"L1\"\nkind = \"survey\"\n\
-         alt_m = 500.0\nduration_s = 1800.0\nwaypoints = [[-22.10, 140.58], [-21.84, 140.58], [-21.84, 140.78], [-22.10, 140.78]]\n"
+         alt_m = 500.0\nduration_s = 1800.0\nwaypoints = [[-22.10, 140.58], [-21.84, 140.58], [-21.84, 140.78], \
+         [-22.10, 140.78]]\n"
     );
     std::fs::write(bench.path("plan.synth.toml"), flight).unwrap();
     bench.spec(&format!(
-        "name = \"coarse\"\nstore = \"store\"\n[tables.flights]\npath = \"plan.synth.toml\"\n[tables.fine]\npath = \"{map}\"\n\
-         alt_m = 500.0\n[axes]\nspacing = [100.0, 400.0, 800.0]\n[[stages]]\nname = \"anomaly\"\nstage = \"map_convert\"\n\
-         map = \"fine\"\nspacing = \"$spacing\"\n[[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"flights\"\n\
+        "name = \"coarse\"\nstore = \"store\"\n[tables.flights]\npath = \"plan.synth.toml\"\n[tables.fine]\n\
+         path = \"{map}\"\n\
+         alt_m = 500.0\n[axes]\nspacing = [100.0, 400.0, 800.0]\n[[stages]]\nname = \"anomaly\"\n\
+         stage = \"map_convert\"\n\
+         map = \"fine\"\nspacing = \"$spacing\"\n[[stages]]\nname = \"track\"\nstage = \"navigate\"\n\
+         input = \"flights\"\n\
          map = \"anomaly\"\nmag = \"mag_1_c\"\n[[stages]]\nname = \"scores\"\nstage = \"score\"\n\
          input = [\"flights\", \"track\"]\nmetrics = [\"drms\", \"nees\"]\n"
     ));

@@ -240,7 +240,8 @@ fn user_automatic_noise_uses_the_calibration_residual() {
 #[test]
 fn user_automatic_noise_uses_lines_over_a_known_field() {
     let bench = Bench::new();
-    let more = "\n[[stages]]\nname = \"left\"\nstage = \"residual_noise\"\ninput = \"clean\"\nwhere = \"line like '%.01'\"\n\
+    let more = "\n[[stages]]\nname = \"left\"\nstage = \"residual_noise\"\ninput = \"clean\"\n\
+                where = \"line like '%.01'\"\n\
                 truth = \"mag_1_c\"\n\n[[stages]]\nname = \"expected\"\nstage = \"assume_noise\"\ninput = \"clean\"\n\
                 noise = \"left\"\n";
     let spec =

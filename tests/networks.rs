@@ -173,9 +173,11 @@ fn user_invalid_keys_of_networks_are_rejected() {
 fn user_the_report_shows_trainings_and_input_importance() {
     let bench = Bench::new();
     let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]\nseed = \"$start\"\nsubsample = 0.9";
-    let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\nmodel = \"network\"\n\
+    let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\n\
+                      model = \"network\"\n\
                       target = \"target\"\nblock_s = 1.0\n\n[[stages]]\nname = \"parts\"\nstage = \"importance\"\n\
-                      input = \"wanted\"\nmodel = \"network\"\ntarget = \"target\"\nmethod = \"shapley\"\nsamples = 30\n\
+                      input = \"wanted\"\nmodel = \"network\"\ntarget = \"target\"\nmethod = \"shapley\"\n\
+                      samples = 30\n\
                       background = 5\ngroups = [\"x\"]\n";
     bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]\nstart = [1, 2, 3]", keys) + importance));
     let done = bench.run(&[]);

@@ -10,7 +10,8 @@ fn spec(flights: &str, stages: &str, input: &str) -> String {
     let path = |name: &str| folder.join(name).display().to_string();
     format!(
         "name = \"foreign\"\nstore = \"store\"\n[tables.flights]\npath = \"{}\"\n[tables.anomaly]\npath = \"{}\"\n\
-         {stages}[[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"{input}\"\nmap = \"anomaly\"\nmag = \"mag_1_uc\"\n\
+         {stages}[[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"{input}\"\nmap = \"anomaly\"\n\
+         mag = \"mag_1_uc\"\n\
          remove_diurnal = false\n[[stages]]\nname = \"scores\"\nstage = \"score\"\ninput = [\"{input}\", \"track\"]\n\
          metrics = [\"ins_drms\", \"drms\", \"nees\", \"nis\", \"whiteness\", \"correlated_nis\"]\n",
         path(flights),

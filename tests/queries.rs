@@ -16,7 +16,8 @@ pub fn ran() -> Bench {
 #[test]
 fn user_sql_gives_the_least_error_of_each_combination() {
     let bench = ran();
-    let query = "SELECT mag, vector, min(value) AS best FROM small.scores WHERE metric = 'std_error' GROUP BY mag, vector ORDER BY mag, vector";
+    let query = "SELECT mag, vector, min(value) AS best FROM small.scores WHERE metric = 'std_error' GROUP BY mag, \
+                 vector ORDER BY mag, vector";
     let output = bench.magline(&["sql", query, "--store", "store", "--format", "json"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let rows: Vec<Value> = stdout(&output).lines().map(|l| serde_json::from_str(l).unwrap()).collect();

@@ -165,7 +165,8 @@ fn user_a_query_respects_its_memory_limit() {
     assert!(stderr(&output).contains("`--memory-limit`"), "{}", stderr(&output));
     assert!(peak < 700, "{peak} MB");
     // 4,800,000 rows of 32 bytes exceed the memory limit and are sorted on disk.
-    let sort = "SELECT a.tt, b.tt AS other, a.mag_4_uc, b.mag_5_uc FROM small.even a CROSS JOIN (SELECT * FROM small.even LIMIT 2000) b ORDER BY a.tt * 7 % 11, b.tt * 5 % 13";
+    let sort = "SELECT a.tt, b.tt AS other, a.mag_4_uc, b.mag_5_uc FROM small.even a CROSS JOIN (SELECT * FROM \
+                small.even LIMIT 2000) b ORDER BY a.tt * 7 % 11, b.tt * 5 % 13";
     let (peak, output) =
         peak_mb(&bench, &["sql", sort, "--format", "csv", "-o", "sorted.csv", "--memory-limit", "64MB"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));

@@ -66,7 +66,8 @@ fn bench(lines: &[RecordBatch]) -> Bench {
 fn resampled(rate_hz: u32) -> String {
     format!(
         "[[stages]]\nname = \"even_{rate_hz}\"\nstage = \"resample\"\ninput = \"flights\"\nrate_hz = {rate_hz}.0\n\
-         [[stages]]\nname = \"terms_{rate_hz}\"\nstage = \"a_matrix\"\ninput = \"even_{rate_hz}\"\nvector = \"flux_a\"\n\
+         [[stages]]\nname = \"terms_{rate_hz}\"\nstage = \"a_matrix\"\ninput = \"even_{rate_hz}\"\n\
+         vector = \"flux_a\"\n\
          terms = [\"permanent\", \"induced5\", \"eddy8\"]\n"
     )
 }
@@ -134,7 +135,8 @@ fn law_lines_of_different_rates_give_one_model() {
     let bench = bench(&[thinned(&one, 4), other, thinned(&again, 8)]);
     let terms = "[[stages]]\nname = \"terms\"\nstage = \"a_matrix\"\ninput = \"flights\"\nvector = \"flux_a\"\n\
                  terms = [\"permanent\", \"induced5\", \"eddy8\"]\n";
-    let learnt = "[[stages]]\nname = \"trees\"\nstage = \"fit\"\ninput = \"terms\"\nwhere = \"line in ('1.01', '1.02')\"\n\
+    let learnt = "[[stages]]\nname = \"trees\"\nstage = \"fit\"\ninput = \"terms\"\n\
+                  where = \"line in ('1.01', '1.02')\"\n\
                   model = \"recursive_least_squares\"\ntarget = \"mag_4_uc\"\nforgetting = 1.0\n";
     let spec = format!(
         "{HEAD}{terms}{}{}{learnt}{}",

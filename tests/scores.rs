@@ -48,8 +48,8 @@ fn bench(text: &str) -> Bench {
 }
 
 /// Spec with one magnetometer, one vector magnetometer and three ridge parameters, calibrated on the lines `%.01`, with
-/// `changes` applied. The assumed errors are those of [`line_of_flight`], so that only the track of the largest ridge parameter
-/// is flagged.
+/// `changes` applied. The assumed errors are those of [`line_of_flight`], so that only the track of the largest ridge
+/// parameter is flagged.
 fn spec(changes: &[(&str, &str)]) -> String {
     let small = [
         ("[\"mag_4_uc\", \"mag_5_uc\"]", "[\"mag_4_uc\"]"),

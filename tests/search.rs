@@ -105,7 +105,8 @@ fn user_errors_of_a_search_are_reported_before_the_run() {
     assert_rejected(&format!("{goal}method = 'tpo'\n{AXES}"), &["did you mean `tpe`?"]);
     assert_rejected(
         &format!(
-            "{goal}[search.axes]\nlambda = {{ low = 1.0, high = 1.0 }}\ntrim = {{ low = 0.5, high = 9, whole = true }}\n"
+            "{goal}[search.axes]\nlambda = {{ low = 1.0, high = 1.0 }}\ntrim = {{ low = 0.5, high = 9, whole = true \
+             }}\n"
         ),
         &[
             "`low` of the axis `lambda` is 1; it must be below `high`, 1",

@@ -71,7 +71,8 @@ fn user_a_spec_from_elsewhere_does_not_replace_tables() {
     let before = bench.tables("store");
     let store = bench.path("store");
     let evil = format!(
-        "name = \"small\"\nstore = \"{}\"\n[tables.flights]\npath = \"../flights/\"\n[[stages]]\nname = \"scores\"\nstage = \"derive\"\n\
+        "name = \"small\"\nstore = \"{}\"\n[tables.flights]\npath = \"../flights/\"\n[[stages]]\nname = \"scores\"\n\
+         stage = \"derive\"\n\
          input = \"flights\"\ncolumns = {{ x = \"mag_4_uc\" }}\n",
         store.display()
     );
@@ -131,7 +132,8 @@ fn user_expressions_of_a_spec_cannot_fill_the_memory() {
         "length(lpad('a', 2000000000, 'b')) + mag_4_uc",
     ] {
         bench.spec(&format!(
-            "name=\"ex\"\nstore=\"store\"\n[tables.flights]\npath=\"flights/\"\n[[stages]]\nname=\"d\"\nstage=\"derive\"\n\
+            "name=\"ex\"\nstore=\"store\"\n[tables.flights]\npath=\"flights/\"\n[[stages]]\nname=\"d\"\n\
+             stage=\"derive\"\n\
              input=\"flights\"\ncolumns={{ z = \"{expression}\" }}\nunits={{ z = \"nT\" }}\n"
         ));
         let output = bench.magline(&["run", "spec.toml", "-q"]);
@@ -178,7 +180,8 @@ fn user_queries_respect_their_memory_limit_in_all_operators() {
         "SELECT length(repeat('a', 2000000000))",
         "SELECT length(repeat('a', 1000000000000000))",
         "SELECT length(lpad('a', 2000000000, 'bc'))",
-        "SELECT sum(value) OVER (ORDER BY value ROWS BETWEEN UNBOUNDED PRECEDING AND UNBOUNDED FOLLOWING) FROM generate_series(1,300000000)",
+        "SELECT sum(value) OVER (ORDER BY value ROWS BETWEEN UNBOUNDED PRECEDING AND UNBOUNDED FOLLOWING) FROM \
+         generate_series(1,300000000)",
         "SELECT count(distinct repeat('a', 1000000) || value) FROM generate_series(1,100000)",
         "SELECT array_length(generate_series(1, 1000000000))",
         "SELECT length(string_agg(repeat('a', 100000), '')) FROM generate_series(1,100000)",

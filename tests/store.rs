@@ -149,7 +149,8 @@ fn user_a_table_holds_keys_and_new_columns_and_sql_adds_passthrough_columns() {
                   AND c.tt = e.tt WHERE c.lon = e.lon AND c.lat = e.lat AND c.mag_4_uc = e.mag_4_uc";
     assert_eq!(query(&bench, "store", joined)[0]["n"], 19_200);
     // Units are excluded by their keys, and the answer is unchanged.
-    let by_key = "SELECT count(*) AS n, avg(lon) AS lon FROM small.clean WHERE mag = 'mag_5_uc' AND lambda < 0.01 AND line = '2.02'";
+    let by_key = "SELECT count(*) AS n, avg(lon) AS lon FROM small.clean WHERE mag = 'mag_5_uc' AND lambda < 0.01 AND \
+                  line = '2.02'";
     assert_eq!(query(&bench, "store", by_key)[0]["n"], 2 * 500);
 }
 

@@ -58,7 +58,8 @@ fn user_a_tie_with_the_number_of_a_line_is_a_separate_line() {
 /// Output of `magline run` on a spec with one table of flights and one column `out`.
 fn derived(folder: &TempDir, file: &str, table: &str, out: &str) -> Output {
     let spec = format!(
-        "name = \"x\"\nstore = \"store\"\n[tables.f]\npath = {file:?}\n{table}\n[[stages]]\nname = \"s\"\nstage = \"derive\"\n\
+        "name = \"x\"\nstore = \"store\"\n[tables.f]\npath = {file:?}\n{table}\n[[stages]]\nname = \"s\"\n\
+         stage = \"derive\"\n\
          input = \"f\"\ncolumns = {{ out = {out:?} }}\n"
     );
     fs::write(folder.path().join("spec.toml"), spec).unwrap();
@@ -160,7 +161,8 @@ fn user_a_time_zone_for_times_with_a_zone_is_rejected() {
         write(&path("a.parquet"), &[batch]);
         let ingest = |zone: &str| {
             let text = format!(
-                "about = \"x\"\nflight = \"F\"\nline = \"1\"\n[tables.m]\ntime = {{ from = \"when\", clock = \"{clock}\"{zone} }}\n\
+                "about = \"x\"\nflight = \"F\"\nline = \"1\"\n[tables.m]\n\
+                 time = {{ from = \"when\", clock = \"{clock}\"{zone} }}\n\
                  [tables.m.columns]\nmag_1_uc = {{ from = \"mag_1_uc\", unit = \"nT\" }}\n"
             );
             fs::write(path("m.toml"), text).unwrap();

@@ -142,7 +142,8 @@ fn user_set_is_checked_like_the_file() {
     }
     assert!(before == everything(bench.folder.path()), "something was written or removed");
     let done = bench.run(&["--set", "seed=2", "--set", "name=../../p"]);
-    let expected = "error: `../../p` cannot be a name\n --> the command line\n  | --set name=../../p\n  |            ^^^^^^^ a name begins with a letter and holds letters, digits, `_` and `-`\n";
+    let expected = "error: `../../p` cannot be a name\n --> the command line\n  | --set name=../../p\n  |            \
+                    ^^^^^^^ a name begins with a letter and holds letters, digits, `_` and `-`\n";
     assert_eq!(done.stderr, expected);
 }
 

@@ -164,16 +164,21 @@ fn user_a_series_equals_the_answer_of_sql() {
     assert_eq!((unit("mag_c").as_str(), unit("lat").as_str(), unit("tt").as_str()), ("nT", "deg", "s"));
     // Elements of a list, another spelling of a number, and a part of the line with its neighbours.
     let part = viewed.get(
-        "api/series?table=small.terms&flight=2&line=2.02&columns=tl[0],flux_a_x&axis.vector=flux_a&from=36010.02&to=36010.38"
+        "api/series?table=small.terms&flight=2&line=2.02&columns=tl[0],flux_a_x&axis.vector=flux_a&from=36010.02\
+         &to=36010.38",
     );
     let part = part.rows();
     let [_, first] = sql_columns(
         &bench,
-        "SELECT tt, tl[1] AS first FROM small.terms WHERE line = '2.02' AND vector = 'flux_a' AND tt > 36009.95 AND tt < 36010.45 ORDER BY tt",
+        "SELECT tt, tl[1] AS first FROM small.terms WHERE line = '2.02' AND vector = 'flux_a' AND tt > 36009.95 AND tt \
+         < 36010.45 ORDER BY tt",
     );
     assert_eq!(numbers(std::slice::from_ref(&part), "tt").len(), 5);
     assert_eq!(numbers(std::slice::from_ref(&part), "tl[0]"), first);
-    let zero = viewed.get("api/series?table=small.clean&flight=1&line=1.01&columns=mag_c&axis.mag=mag_4_uc&axis.vector=flux_a&axis.lambda=0.0");
+    let zero = viewed.get(
+        "api/series?table=small.clean&flight=1&line=1.01&columns=mag_c&axis.mag=mag_4_uc&axis.vector=flux_a\
+         &axis.lambda=0.0",
+    );
     assert_eq!(zero.rows().num_rows(), 700);
 }
 

@@ -4,7 +4,7 @@
 
 use std::{collections::BTreeMap, process::Command};
 
-use crate::support::repository;
+use crate::{architecture::print_row, support::repository};
 
 /// Rejected phrases. A leading or trailing blank matches a word boundary.
 const PHRASES: [&str; 20] = [
@@ -40,7 +40,7 @@ const BEGINNINGS: [&str; 7] = ["What ", "Of ", "As ", "Whose ", "How often ", "S
 const MOST_BEGINNINGS: f64 = 3.0;
 
 /// Files of the repository with one of these extensions, and their strings.
-fn files(endings: &[&str]) -> Vec<(String, String)> {
+pub fn files(endings: &[&str]) -> Vec<(String, String)> {
     let output = Command::new("git").args(["ls-files", "-z"]).current_dir(repository()).output().unwrap();
     let names = String::from_utf8(output.stdout).unwrap();
     let wanted = names.split('\0').filter(|name| endings.iter().any(|ending| name.ends_with(ending)));
@@ -92,6 +92,7 @@ fn user_doc_comments_begin_with_a_noun_or_a_verb() {
         }
     }
     let rate = 1000.0 * found.len() as f64 / comments as f64;
+    print_row("unclear beginnings of doc comments, per 1,000 comment lines", format!("{rate:.1}"), MOST_BEGINNINGS);
     assert!(rate < MOST_BEGINNINGS, "{rate:.1} in a thousand lines of comments:\n{}", found.join("\n"));
 }
 
@@ -130,6 +131,8 @@ fn user_a_type_name_means_one_type() {
     let all: usize = places.values().map(Vec::len).sum();
     places.retain(|_, files| files.len() > 1);
     let shared: usize = places.values().map(Vec::len).sum();
+    let share = 100.0 * shared as f64 / all as f64;
+    print_row("shared type names, %", format!("{share:.1}"), 100.0 * MOST_SHARED);
     assert!(all > 1500, "{all} types");
     assert!(shared as f64 <= MOST_SHARED * all as f64, "{shared} of {all}: {places:#?}");
 }

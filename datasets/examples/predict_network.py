@@ -2,8 +2,8 @@
 
     python predict_network.py MODEL.parquet ROWS.parquet model=m2c mag=mag_4_uc
 
-MODEL is a file of the published table of the fit. The arguments after the files are the values of its axes. ROWS has one
-column per input. The predicted field is printed in nT, one number per row. The layout of the terms is in
+MODEL is a file of the published table of the fit. The arguments after the files are the values of its axes. ROWS has
+one column per input. The predicted field is printed in nT, one number per row. The layout of the terms is in
 stages/REFERENCE.md, under `fit`.
 """
 

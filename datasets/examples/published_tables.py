@@ -28,7 +28,8 @@ VECTORS = ["A", "C", "D", "A,C", "A,D", "C,D"]
 # Tables 4.13 and 4.14: PLSR error with small feature sets.
 SMALL_PLS = {("3", "small_1"): 60, ("4", "small_1"): 26, ("5", "small_1"): 9.7,
              ("3", "small_2"): 65, ("4", "small_2"): 54, ("5", "small_2"): 11}
-# Tables 4.1 to 4.5 of van der Meer 2025, means over the manoeuvres: uncompensated nT, ratio of TL, with a ridge, extended.
+# Tables 4.1 to 4.5 of van der Meer 2025, means over the manoeuvres: uncompensated nT, ratio of TL, with a ridge,
+# extended.
 DRONE = {"mag_1_uc": (37.85, 4.97, 4.90, 7.31), "mag_2_uc": (27.45, 3.22, 4.03, 3.92),
          "flux_a_t": (251.99, None, 10.19, 18.76), "flux_b_t": (180.28, None, 8.51, 17.60)}
 
@@ -83,14 +84,17 @@ def gnadt_2022(store: Path) -> None:
     head = ["Tolles-Lawson on the box", "published", "PLSR on hours", "published"]
     show("Gnadt 2022, Tables 4.10 and 4.12: one magnetometer; nT", ["mag", "vectors"] + head, rows)
     dual = {(o, vectors(v)): x for (o, v), x in pooled(store, "dual", ["other", "vectors"]).items()}
-    rows = [[f"{o},5", v, dual.get((f"mag_{o}_uc", v)), DUAL_PLS[o][i]] for o in DUAL_PLS for i, v in enumerate(VECTORS)]
-    show("Gnadt 2022, Tables 4.11 and 4.12: magnetometer 5 with another; nT", ["mags", "vectors", "PLSR", "published"], rows)
+    rows = [[f"{o},5", v, dual.get((f"mag_{o}_uc", v)), DUAL_PLS[o][i]] for o in DUAL_PLS
+            for i, v in enumerate(VECTORS)]
+    show("Gnadt 2022, Tables 4.11 and 4.12: magnetometer 5 with another; nT", ["mags", "vectors", "PLSR", "published"],
+         rows)
     small = pooled(store, "small", ["mag", "set"])
     rows = [[s, m, small.get((f"mag_{m}_uc", s)), p] for (m, s), p in SMALL_PLS.items()]
     show("Gnadt 2022, Tables 4.13 and 4.14: small feature sets, Flux A; nT", ["set", "mag", "PLSR", "published"], rows)
     fits = table(store, "gnadt_2022/calibrated")
     spread = fits.groupby(["ridge", "term"]).value.agg(lambda x: x.std() / abs(x.mean())).groupby("ridge")
-    show("Gnadt 2022, Figure 3-8: coefficient of variation over five calibrations, 9 terms", ["lambda", "median", "mean"],
+    show("Gnadt 2022, Figure 3-8: coefficient of variation over five calibrations, 9 terms",
+         ["lambda", "median", "mean"],
          [[r, m, a] for (r, m), a in zip(spread.median().items(), spread.mean())])
 
 
@@ -108,7 +112,8 @@ def van_der_meer_2025(store: Path) -> None:
                 row += [mean["improvement_ratio"], DRONE[mag][i + 1]]
             rows.append(row)
     head = ["uncompensated, nT", "TL, ratio", "with a ridge", "extended"]
-    show("van der Meer 2025, Tables 4.1 to 4.5: means over test manoeuvres", ["sensor"] + [x for h in head for x in (h, "published")], rows)
+    show("van der Meer 2025, Tables 4.1 to 4.5: means over test manoeuvres",
+         ["sensor"] + [x for h in head for x in (h, "published")], rows)
 
 
 if __name__ == "__main__":

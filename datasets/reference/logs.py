@@ -2,9 +2,9 @@
 
     python logs.py ../samples/logs logs
 
-Requires pyulog 1.3.0, pymavlink 2.4.50, SciPy 1.17.1, h5py 3.16.0, NumPy 2.4. Writes for each log NAME.tsv: topic, rows,
-column, sum of the finite values in order, and the values of rows 0, 500, 1000, ... and the last; texts are URL-quoted
-after a `"`. Also writes small logs with features that the real logs lack; the same libraries read them back.
+Requires pyulog 1.3.0, pymavlink 2.4.50, SciPy 1.17.1, h5py 3.16.0, NumPy 2.4. Writes for each log NAME.tsv: topic,
+rows, column, sum of the finite values in order, and the values of rows 0, 500, 1000, ... and the last; texts are
+URL-quoted after a `"`. Also writes small logs with features that the real logs lack; the same libraries read them back.
 """
 
 import math
@@ -172,8 +172,10 @@ def made_ulog(to: Path) -> None:
     """Nested formats, arrays of them, texts, padding in the middle and at the end, instances, and 64 bits."""
     formats = [
         "part:uint64_t timestamp;float x;uint8_t[4] _padding0;",
-        "whole:uint64_t timestamp;part[2] parts;char[8] name;bool on;int16_t[3] small;uint64_t id;uint8_t[1] _padding0;",
-        "types:uint64_t timestamp;int8_t a;uint8_t b;int16_t c;uint16_t d;int32_t e;uint32_t f;int64_t g;float h;double i;",
+        "whole:uint64_t timestamp;part[2] parts;char[8] name;bool on;int16_t[3] small;uint64_t id;"
+        "uint8_t[1] _padding0;",
+        "types:uint64_t timestamp;int8_t a;uint8_t b;int16_t c;uint16_t d;int32_t e;uint32_t f;int64_t g;"
+        "float h;double i;",
     ]
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
     body = b"".join(message("F", f.encode()) for f in formats)
@@ -197,14 +199,16 @@ def made_ulog(to: Path) -> None:
             body += message("D", struct.pack("<H", 2 + k % 8 // 4) + types(k))
         if k == 600:
             body += message("S", b"\x2f\x73\x13\x20\x25\x0c\xbb\x12") + message("O", struct.pack("<H", 42))
-            body += message("L", b"6" + struct.pack("<Q", 5) + b"text") + message("C", b"6\1\0" + struct.pack("<Q", 5) + b"tagged")
+            body += message("L", b"6" + struct.pack("<Q", 5) + b"text")
+            body += message("C", b"6\1\0" + struct.pack("<Q", 5) + b"tagged")
     to.write_bytes(head + message("B", bytes(40)) + body)
 
 
 class DataFlash:
     """Messages of a log, with a definition for each."""
 
-    size = dict(a=64, b=1, B=1, g=2, h=2, H=2, i=4, I=4, f=4, n=4, N=16, Z=64, c=2, C=2, e=4, E=4, L=4, d=8, M=1, q=8, Q=8)
+    size = dict(a=64, b=1, B=1, g=2, h=2, H=2, i=4, I=4, f=4, n=4, N=16, Z=64, c=2, C=2, e=4, E=4, L=4, d=8, M=1, q=8,
+                Q=8)
     code = dict(a="32h", g="e", n="4s", N="16s", Z="64s", c="h", C="H", e="i", E="I", L="i", M="b")
 
     def __init__(self) -> None:
@@ -231,24 +235,29 @@ def made_dataflash(to: Path) -> None:
     out += fmt(3, "MULT", "Qbd", "TimeUS,Id,Mult") + fmt(4, "ALL", "QbBhHiIfgdMqa", "TimeUS,b,B,h,H,i,I,f,g,d,M,q,a")
     out += fmt(5, "SCAL", "QcCeEL", "TimeUS,c,C,e,E,L") + fmt(6, "MAG", "QBhhhI", "TimeUS,I,MagX,MagY,MagZ,S")
     out += fmt(7, "NVF", "QNf", "TimeUS,Name,Value") + fmt(8, "TXT", "QnNZ", "TimeUS,n,N,Z")
-    for character, label in [("s", "s"), ("G", "Gauss"), ("#", "instance"), ("D", "deglatitude"), ("m", "m"), ("v", "V")]:
+    for character, label in [("s", "s"), ("G", "Gauss"), ("#", "instance"), ("D", "deglatitude"), ("m", "m"),
+                             ("v", "V")]:
         out += put("UNIT", 1_000_000, ord(character), label)
     for character, factor in [("F", 1e-6), ("C", 1e-3), ("B", 1e-2), ("G", 1e-7), ("0", 1.0), ("-", 0.0)]:
         out += put("MULT", 1_000_000, ord(character), float(np.float32(factor)))
-    out += put("FMTU", 1_000_000, 5, "svvmmD", "FBBBBG") + put("FMTU", 1_000_000, 6, "s#GGG-", "F-CCC-") + put("FMTU", 1_000_000, 7, "s#-", "F--")
+    out += put("FMTU", 1_000_000, 5, "svvmmD", "FBBBBG") + put("FMTU", 1_000_000, 6, "s#GGG-", "F-CCC-")
+    out += put("FMTU", 1_000_000, 7, "s#-", "F--")
     for k in range(1100):
         t = 1_000_000 + 20_000 * k
-        out += put("ALL", t, -k % 100, k % 256, -k, k, -k, 4_000_000_000 - k, k / 7, k / 8, k / 7, k % 20, -k, *range(k, k + 32))
+        out += put("ALL", t, -k % 100, k % 256, -k, k, -k, 4_000_000_000 - k, k / 7, k / 8, k / 7, k % 20, -k,
+                   *range(k, k + 32))
         out += put("SCAL", t, -k, 2 * k, -3 * k, 4 * k, -353_632_621 + k)
         out += put("MAG", t, k % 3, k, -k, 2 * k, k)
         if k % 10 == 0:
-            out += put("NVF", t, ["rpm", "temperature"][k // 10 % 2], k / 3) + put("TXT", t, "abcd", f"name {k}", f"text {k} of a log")
+            out += put("NVF", t, ["rpm", "temperature"][k // 10 % 2], k / 3)
+            out += put("TXT", t, "abcd", f"name {k}", f"text {k} of a log")
     to.write_bytes(out)
 
 
 def made_ardupilot(to: Path, instances: bool) -> None:
-    """Messages as defined by ArduPilot (LogStructure.h of AP_Compass, AP_GPS, AP_BattMonitor, AP_Baro and AP_InertialSensor of
-    version 4.1; of DataFlash of version 3.6 without `instances`): 12 s of two compasses at 10 Hz, GNSS at 5 Hz, the rest at 5 Hz."""
+    """Messages as defined by ArduPilot (LogStructure.h of AP_Compass, AP_GPS, AP_BattMonitor, AP_Baro and
+    AP_InertialSensor of version 4.1; of DataFlash of version 3.6 without `instances`): 12 s of two compasses at 10 Hz,
+    GNSS at 5 Hz, the rest at 5 Hz."""
     log = DataFlash()
     put = log.put
     i = ("B", "I,", "#", "-") if instances else ("", "", "", "")
@@ -271,13 +280,17 @@ def made_ardupilot(to: Path, instances: bool) -> None:
     if not instances:
         out += log.fmt(11, "MAG2", compass[0], f"TimeUS,{compass[1]}")
         meant.append((11, compass[2], compass[3]))
-    out += defined(12, "GPS", "QBIHBcLLeffffB", "Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U", "s-s-S-DUmnhnh-", "F-C-0BGGB000--")
-    out += defined(13, "ATT", "QccccCCCCB", "DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF", "sddddhhdh-", "FBBBBBBBB-")
-    out += defined(14, "IMU", "QffffffIIfBBHH", "GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz", "sEEEooo--O--zz", "F000000-----00")
+    out += defined(12, "GPS", "QBIHBcLLeffffB", "Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
+                   "s-s-S-DUmnhnh-", "F-C-0BGGB000--")
+    out += defined(13, "ATT", "QccccCCCCB", "DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF", "sddddhhdh-",
+                   "FBBBBBBBB-")
+    out += defined(14, "IMU", "QffffffIIfBBHH", "GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz", "sEEEooo--O--zz",
+                   "F000000-----00")
     out += defined(15, "BAT", "Qfffffcf", "Volt,VoltR,Curr,CurrTot,EnrgTot,Temp,Res", "svvAiJOw", "F000!/?0")
     out += defined(16, "BARO", "QffcfIffB", "Alt,Press,Temp,CRt,SMS,Offset,GndTemp,Health", "smPOnsmO-", "F00B0C?0-")
-    for character, label in [("s", "s"), ("G", "Gauss"), ("#", "instance"), ("D", "deglatitude"), ("U", "deglongitude"), ("m", "m"), ("v", "V"),
-                             ("A", "A"), ("d", "deg"), ("h", "degheading"), ("n", "m/s"), ("E", "rad/s"), ("o", "m/s/s"), ("P", "Pa")]:
+    for character, label in [("s", "s"), ("G", "Gauss"), ("#", "instance"), ("D", "deglatitude"), ("U", "deglongitude"),
+                             ("m", "m"), ("v", "V"), ("A", "A"), ("d", "deg"),
+                             ("h", "degheading"), ("n", "m/s"), ("E", "rad/s"), ("o", "m/s/s"), ("P", "Pa")]:
         out += put("UNIT", 1_000_000, ord(character), label)
     for character, factor in [("F", 1e-6), ("C", 1e-3), ("B", 1e-2), ("G", 1e-7), ("0", 1.0), ("-", 0.0), ("?", 1.0)]:
         out += put("MULT", 1_000_000, ord(character), factor)
@@ -295,7 +308,8 @@ def made_ardupilot(to: Path, instances: bool) -> None:
         if k % 2:
             continue
         week, fix = (2200, 3) if instances else (2000, 3)
-        out += put("GPS", t, *number(0), fix if k > 3 else 1, 302_400_000 + t // 1000, week, 14, 81, -353_626_210 + 100 * k, 1_491_652_300, 58_432 + k,
+        out += put("GPS", t, *number(0), fix if k > 3 else 1, 302_400_000 + t // 1000, week, 14, 81,
+                   -353_626_210 + 100 * k, 1_491_652_300, 58_432 + k,
                    12.0, 90.0, -0.5, 0.0, 1)
         out += put("ATT", t, 0, 1250, 0, -375, 0, 27_025, 0, 0, 3)
         out += put("IMU", t, *number(0), 0.1, -0.2, 0.3, 0.5, -0.25, -9.75, 0, 0, 41.5, 1, 1, 1000, 1000)
@@ -307,8 +321,10 @@ def made_ardupilot(to: Path, instances: bool) -> None:
 def made_mat(to: Path) -> None:
     """A transposed matrix, whole numbers of 64 bits, nested fields, and types that are not read."""
     k = np.arange(1300)
-    log = {"t": k / 10.0, "gyro": np.stack([k, -k, 2 * k]).T / 7, "gps": {"lat": 50 + k / 1e5, "sat": (k % 12).astype(np.uint8)}}
-    log |= {"other": np.arange(20.0), "note": "a flight", "cells": np.array([1.0, "x"], dtype=object), "none": np.zeros((0, 0))}
+    log = {"t": k / 10.0, "gyro": np.stack([k, -k, 2 * k]).T / 7,
+           "gps": {"lat": 50 + k / 1e5, "sat": (k % 12).astype(np.uint8)}}
+    log |= {"other": np.arange(20.0), "note": "a flight", "cells": np.array([1.0, "x"], dtype=object),
+            "none": np.zeros((0, 0))}
     root = {"log": log, "time": k / 50.0, "id": 2**62 + k.astype(np.int64), "flag": k % 2 == 0, "scalar": 7.0}
     savemat(to, root | {"complex": np.array([1j, 2.0])}, do_compression=True)
 
@@ -354,7 +370,8 @@ def main() -> None:
     made_ardupilot(to / "ardupilot_3.bin", False)
     for path in [samples / "log171_cut.bin", to / "made.bin", to / "ardupilot_4.bin", to / "ardupilot_3.bin"]:
         dataflash(path, to / f"{path.name}.tsv")
-    names = ["big_endian", "testdouble_6.1_SOL2", "testdouble_7.1_GLNX86", "testmatrix_6.1_SOL2", "testmatrix_7.4_GLNX86"]
+    names = ["big_endian", "testdouble_6.1_SOL2", "testdouble_7.1_GLNX86", "testmatrix_6.1_SOL2",
+             "testmatrix_7.4_GLNX86"]
     names += ["teststructnest_6.1_SOL2", "teststructnest_7.1_GLNX86"]
     matlab = [samples / "TestLog2_cut.mat", samples / "thor_flight75_cut.mat", to / "made.mat"]
     for path in matlab + [samples / f"matlab/{name}.mat" for name in names]:

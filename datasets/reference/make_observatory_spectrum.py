@@ -1,7 +1,7 @@
 """Spectrum of the temporal variation at the observatory Boulder, with which the report compares simulated records.
 
-    python3 make_observatory_spectrum.py BOU20200101vsec.sec bou20141103vmin.min bou20141104vmin.min bou20141105vmin.min \
-        > ../../pipeline/report/src/html/observatory_spectrum.csv
+    python3 make_observatory_spectrum.py BOU20200101vsec.sec bou20141103vmin.min bou20141104vmin.min \
+        bou20141105vmin.min > ../../pipeline/report/src/html/observatory_spectrum.csv
 
 The change of the total field is H dH + Z dZ over F, from the vector instrument (0.01 nT). Welch's method of scipy
 (Hann window, half overlap), averaged in 6 bins per decade. Made with scipy 1.17.1.

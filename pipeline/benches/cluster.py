@@ -3,10 +3,11 @@
 
     python pipeline/benches/cluster.py --magline target/debug/magline
 
-The binary must have the feature `cluster`. Processor time is that of scheduler, workers, their processes and the run, by
-`rusage`, minus that of an idle cluster. Everything except the cluster of two workers runs on one processor, because two
-threads of one core use more processor time for the same work. The methods alternate, and the minimum of each counts, because
-other programs on the machine can only increase the time. The published bytes of all methods are compared.
+The binary must have the feature `cluster`. Processor time is that of scheduler, workers, their processes and the run,
+by `rusage`, minus that of an idle cluster. Everything except the cluster of two workers runs on one processor, because
+two threads of one core use more processor time for the same work. The methods alternate, and the minimum of each
+counts, because other programs on the machine can only increase the time. The published bytes of all methods are
+compared.
 """
 
 import argparse
@@ -28,11 +29,13 @@ class Cluster:
     def __init__(self, binary, folder, workers):
         self.pinned = PINNED if workers == 1 else []
         self.scheduler = subprocess.Popen(
-            [*self.pinned, binary, "scheduler", "--insecure-loopback", "--bind", "127.0.0.1:0"], cwd=folder, stderr=subprocess.PIPE, text=True
+            [*self.pinned, binary, "scheduler", "--insecure-loopback", "--bind", "127.0.0.1:0"], cwd=folder,
+            stderr=subprocess.PIPE, text=True
         )
         line = self.scheduler.stderr.readline()
         self.at = line.split("listens on ")[1].strip()
-        worker = [*self.pinned, binary, "worker", "--insecure-loopback", "--scheduler", self.at, "--cores", "1", "--quiet"]
+        worker = [*self.pinned, binary, "worker", "--insecure-loopback", "--scheduler", self.at, "--cores", "1",
+                  "--quiet"]
         self.receipts = [open(Path(folder) / f"worker{i}.jsonl", "w+") for i in range(workers)]
         self.workers = [
             subprocess.Popen([*worker, "--store", "cluster"], cwd=folder, stdout=out, stderr=subprocess.DEVNULL)
@@ -66,7 +69,8 @@ def on_cluster(binary, folder, workers):
     cluster = Cluster(binary, folder, workers)
     time.sleep(3)
     begun = time.monotonic()
-    run = [*cluster.pinned, binary, "run", "growth.toml", "--json", "--set", "store=cluster", "--engine", f"ballista://{cluster.at}", "--insecure-loopback"]
+    run = [*cluster.pinned, binary, "run", "growth.toml", "--json", "--set", "store=cluster", "--engine",
+           f"ballista://{cluster.at}", "--insecure-loopback"]
     done = subprocess.run(run, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     clock = time.monotonic() - begun
     tasks = cluster.end()
@@ -131,7 +135,8 @@ def main():
     parser.add_argument("--folder", help="the folder for stores")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())
-    print("| units | way | CPU s, of each | clock s | tasks | CPU s beside the work | ms a task | beside, % of the work |")
+    print("| units | way | CPU s, of each | clock s | tasks | CPU s beside the work | ms a task | beside, % of the "
+          "work |")
     print("|---" * 8 + "|")
     for lines in args.lines:
         with tempfile.TemporaryDirectory(prefix="cluster-", dir=args.folder) as name:
@@ -148,7 +153,8 @@ def main():
             beside = min(all_cpu) - local
             each = f"{1000 * beside / tasks:.1f}" if tasks else ""
             seconds = ", ".join(f"{cpu:.2f}" for cpu in all_cpu)
-            print(f"| {units} | {way} | {seconds} | {clock:.1f} | {tasks or ''} | {beside:.2f} | {each} | {100 * beside / local:.0f} |")
+            print(f"| {units} | {way} | {seconds} | {clock:.1f} | {tasks or ''} | {beside:.2f} | {each} | "
+                  f"{100 * beside / local:.0f} |")
 
 
 if __name__ == "__main__":

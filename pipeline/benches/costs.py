@@ -1,5 +1,5 @@
-"""Predictions of `magline explain --cost` compared with runs of the examples in empty stores and of a thousand simulated
-lines. Also measures the built-in records again. See README.md in this folder."""
+"""Predictions of `magline explain --cost` compared with runs of the examples in empty stores and of a thousand
+simulated lines. Also measures the built-in records again. See README.md in this folder."""
 
 import argparse
 import json
@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLES = ["tolles_lawson", "navigation", "osborne", "map", "retention", "gnadt_2022", "van_der_meer_2025", "survey_to_map",
-            "monte_carlo", "cold_start", "second_aircraft", "gnadt_2022_second_aircraft", "lee_2019_calibration", "uav", "search",
-            "real_sensors", "gnadt_2022_networks"]
+EXAMPLES = ["tolles_lawson", "navigation", "osborne", "map", "retention", "gnadt_2022", "van_der_meer_2025",
+            "survey_to_map", "monte_carlo", "cold_start", "second_aircraft", "gnadt_2022_second_aircraft",
+            "lee_2019_calibration", "uav", "search", "real_sensors", "gnadt_2022_networks"]
 
 
 def specs(names):
@@ -78,8 +78,8 @@ def main():
     parser.add_argument("--measure", metavar="FILE", help="write the measurements to FILE; with --add, append them")
     parser.add_argument("--add", action="store_true", help="keep the existing content of FILE")
     options = parser.parse_args()
-    print("| spec | units | MB predicted | written | ratio | processor s predicted | used | ratio | clock s predicted | taken "
-          "| ratio | memory MB predicted | used |")
+    print("| spec | units | MB predicted | written | ratio | processor s predicted | used | ratio | clock s predicted "
+          "| taken | ratio | memory MB predicted | used |")
     print("|" + "---|" * 13)
     measured = []
     for name, spec in specs(options.names).items():

@@ -169,9 +169,11 @@ def case(args, lines, points):
 
 
 COLUMNS = [
-    ("lines", "lines", "{:,}"), ("points", "points", "{:,}"), ("units", "units", "{:,}"), ("first run, s", "s", "{:.2f}"),
+    ("lines", "lines", "{:,}"), ("points", "points", "{:,}"), ("units", "units", "{:,}"),
+    ("first run, s", "s", "{:.2f}"),
     ("CPU s", "cpu", "{:.2f}"), ("ms a unit", "ms", "{:.3f}"), ("CPU ms a unit", "cpu_ms", "{:.3f}"),
-    ("peak MB", "mb", "{:.0f}"), ("objects", "objects", "{:,}"), ("versions", "versions", "{:,}"), ("other", "other", "{:,}"),
+    ("peak MB", "mb", "{:.0f}"), ("objects", "objects", "{:,}"), ("versions", "versions", "{:,}"),
+    ("other", "other", "{:,}"),
     ("MB stored", "mb_stored", "{:.1f}"), ("unchanged, s (CPU)", "same", "{}"), ("one line more", "line", "{}"),
     ("one point more", "point", "{}"), ("check", "check", "{}"),
 ]

@@ -1,5 +1,5 @@
-"""Cost of a store with thousands of flights, one per file: time and memory of every command, and the files of the store.
-See SCALE.md in the parent folder."""
+"""Cost of a store with thousands of flights, one per file: time and memory of every command, and the files of the
+store. See SCALE.md in the parent folder."""
 
 import argparse
 import json
@@ -101,7 +101,8 @@ def show(rows):
         elif name.startswith("store"):
             for part in value:
                 one = lambda r: r[name][part]
-                cells = [f"{one(r)['names']:,} names, {one(r)['files']:,} files, {one(r)['bytes'] / 1e6:.2f} MB" for r in rows]
+                cells = [f"{one(r)['names']:,} names, {one(r)['files']:,} files, {one(r)['bytes'] / 1e6:.2f} MB"
+                         for r in rows]
                 print(f"| {name}: {part} | " + " | ".join(cells) + " |")
 
 

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Overhead of a task: `magline task` with one process per task, with many tasks in one process, and the engine `processes`.
+"""Overhead of a task: `magline task` with one process per task, with many tasks in one process, and the engine
+`processes`.
 
     python pipeline/benches/tasks.py --magline target/debug/magline
 
-Processor time is that of the children by `rusage`, on one processor, because two threads of one core use more processor time
-for the same work. The published bytes of all methods are compared.
+Processor time is that of the children by `rusage`, on one processor, because two threads of one core use more processor
+time for the same work. The published bytes of all methods are compared.
 """
 
 import argparse
@@ -41,7 +42,8 @@ def published(folder, store):
 
 
 def by_tasks(binary, folder, store, units, one_by_one):
-    """Processor time of planning, computing and publishing, s, and the number of tasks of `units` units (or the default)."""
+    """Processor time of planning, computing and publishing, s, and the number of tasks of `units` units (or the
+    default)."""
     plan, work, tasks = 0.0, 0.0, 0
     while True:
         most = [] if units is None else ["--units", str(units)]
@@ -68,7 +70,8 @@ def main():
     parser.add_argument("--folder", help="the folder for stores")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())
-    print("| lines | units | tasks | local run, CPU s | engine processes | one process: plan, work, publish | a process a task: work | ms a task, one process | ms a task, own process |")
+    print("| lines | units | tasks | local run, CPU s | engine processes | one process: plan, work, publish | a "
+          "process a task: work | ms a task, one process | ms a task, own process |")
     print("|---" * 9 + "|")
     for lines in args.lines:
         with tempfile.TemporaryDirectory(prefix="tasks-", dir=args.folder) as name:
@@ -86,7 +89,8 @@ def main():
             assert len({published(folder, s) for s in ["local", "processes", "one", "own"]}) == 1, "bytes differ"
             beside = 1000 * (own - work) / tasks
             first = 1000 * (plan + work + publish - local) / tasks
-            print(f"| {lines} | {units} | {tasks} | {local:.2f} | {processes:.2f} | {plan:.2f}, {work:.2f}, {publish:.2f} | {own:.2f} | {first:.1f} | {first + beside:.1f} |")
+            print(f"| {lines} | {units} | {tasks} | {local:.2f} | {processes:.2f} | {plan:.2f}, {work:.2f}, "
+                  f"{publish:.2f} | {own:.2f} | {first:.1f} | {first + beside:.1f} |")
 
 
 if __name__ == "__main__":

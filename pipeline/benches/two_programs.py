@@ -1,5 +1,5 @@
-"""Processor time of two programs: the main job, an EKF in a sweep, SQL and ingest, run alternately. See README.md in this
-folder."""
+"""Processor time of two programs: the main job, an EKF in a sweep, SQL and ingest, run alternately. See README.md in
+this folder."""
 
 import argparse
 import json
@@ -76,8 +76,8 @@ truth   = "mag_1_c"
 metrics = ["std_error", "drms", "nees", "nis"]
 """
 
-QUERY = """SELECT mag, line, count(*) AS n, avg(mag_c) AS mean, stddev(mag_c - mag_1_c) AS sd, min(lat) AS south, max(lon) AS east
-FROM main_job.clean WHERE lambda = 0.025 GROUP BY mag, line ORDER BY mag, line"""
+QUERY = """SELECT mag, line, count(*) AS n, avg(mag_c) AS mean, stddev(mag_c - mag_1_c) AS sd, min(lat) AS south,
+max(lon) AS east FROM main_job.clean WHERE lambda = 0.025 GROUP BY mag, line ORDER BY mag, line"""
 
 
 class Program:
@@ -148,7 +148,8 @@ mag_c = "mag_1_uc"
 def csv(program, flights, path):
     """Flights as a CSV file, written by a query of the program."""
     spec = TABLES.format(name="rows", flights=flights, map=MAP)
-    columns = ["flight", "line", "tt", "lat", "lon", "alt", "mag_1_uc", "mag_4_uc", "mag_5_uc", "flux_a_x", "flux_a_y", "flux_a_z"]
+    columns = ["flight", "line", "tt", "lat", "lon", "alt", "mag_1_uc", "mag_4_uc", "mag_5_uc", "flux_a_x", "flux_a_y",
+               "flux_a_z"]
     spec += f'[[stages]]\nname = "all"\nstage = "select"\ninput = "flights"\ncolumns = {json.dumps(columns[3:])}\n'
     store = program.fresh("rows")
     program.cpu_s("run", program.spec("rows", spec), "--set", f"store={store}", "--quiet")
@@ -179,10 +180,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("first", help="the program to compare with, such as that of an earlier commit")
     parser.add_argument("second", help="the program to test")
-    parser.add_argument("--rounds", type=int, default=10, help="number of runs of each program, after one without measurement")
+    parser.add_argument("--rounds", type=int, default=10,
+                        help="number of runs of each program, after one without measurement")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--limit", type=float, default=1.05, help="largest permitted ratio of second to first")
-    parser.add_argument("--only", nargs="+", choices=["main", "ekf", "sql", "ingest"], default=["main", "ekf", "sql", "ingest"])
+    parser.add_argument("--only", nargs="+", choices=["main", "ekf", "sql", "ingest"],
+                        default=["main", "ekf", "sql", "ingest"])
     parser.add_argument("--folder", default=tempfile.gettempdir(), help="the folder for temporary files")
     parser.add_argument("--raw", type=Path, help="write the times to this file, as JSON")
     args = parser.parse_args()
@@ -197,7 +200,8 @@ def main():
         def run(spec):
             def work(program):
                 store = program.fresh("store")
-                return program.cpu_s("run", spec(program, flights), "--set", f"store={store}", "--threads", args.threads, "--quiet")
+                return program.cpu_s("run", spec(program, flights), "--set", f"store={store}", "--threads",
+                                     args.threads, "--quiet")
             return work
 
         for program in (first, second):

@@ -198,13 +198,15 @@ FLIGHTS = {
     "imf": [
         # An hour of the record of Boulder in the other format: tenths of nT, and hundredths of a minute of arc.
         """awk 'BEGIN { print "BOU NOV0414 308 00 HDZF R GOL 04992548 005527 RRRRRRRRRRRRRRRR" } """
-        """/^2014/ && n < 60 { printf "%7.0f %7.0f %7.0f %7.0f%s", 10*$4, 100*$5, 10*$6, 10*$7, n++ % 2 ? "\\n" : " " }' """
+        """/^2014/ && n < 60 { printf "%7.0f %7.0f %7.0f %7.0f%s", 10*$4, 100*$5, 10*$6, 10*$7, """
+        """n++ % 2 ? "\\n" : " " }' """
         "datasets/samples/boulder/bou20141104vmin.min > bou.imf",
         "head -n 2 bou.imf", "magline ingest bou.imf --to imf",
     ],
     "mfam": [
         r"printf 'Counter,Date,Time,Latitude,Longitude,Mag1Data,Mag1Valid\n"
-        r"0,2026/04/24,09:30:00.0,49.5,7.0,48213.1204,1\n1,2026/04/24,09:30:00.1,49.5,7.0,48213.0987,1\n' > magarrow.csv",
+        r"0,2026/04/24,09:30:00.0,49.5,7.0,48213.1204,1\n"
+        r"1,2026/04/24,09:30:00.1,49.5,7.0,48213.0987,1\n' > magarrow.csv",
         "magline ingest magarrow.csv --flight 1 --to mfam",
     ],
     "iaga2002": ["magline ingest datasets/samples/boulder/bou20141104vmin.min --to iaga2002"],

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Checks the links of all Markdown pages to other sites: external_links.py [--list]
 
-A link is broken if its server reports 404 or 410, or its host does not exist. Other statuses (403 and 429, which servers
-send to programs) and timeouts are listed, but are no errors. Without a network, nothing is checked, and the exit status
-is 0. `--list` prints the links.
+A link is broken if its server reports 404 or 410, or its host does not exist. Other statuses (403 and 429, which
+servers send to programs) and timeouts are listed, but are no errors. Without a network, nothing is checked, and the
+exit status is 0. `--list` prints the links.
 """
 
 import re
@@ -17,7 +17,8 @@ from urllib.parse import urldefrag, urlsplit
 
 from build import REPOSITORY, outside_code
 
-ADDRESS = re.compile(r"\]\((https?://[^\s()]+(?:\([^\s()]*\)[^\s()]*)*)\)|<(https?://[^\s>]+)>|\]: (https?://\S+)|doi:(10\.[^\s,;\])`|]+)")
+ADDRESS = re.compile(r"\]\((https?://[^\s()]+(?:\([^\s()]*\)[^\s()]*)*)\)|<(https?://[^\s>]+)>|"
+                     r"\]: (https?://\S+)|doi:(10\.[^\s,;\])`|]+)")
 # Addresses of examples, which no server has.
 EXAMPLES = re.compile(r"localhost$|^127\.|\.example(\.\w+)?$|(^|\.)example\.(org|com|net)$")
 # Hosts with a public name that any network reaches.

@@ -65,6 +65,8 @@ use say::err;
 use schemas::{Fault, StageEntry, render};
 use store::{Store, pulled};
 
+use crate::release::counted;
+
 /// Batch pipeline for aeromagnetic compensation and magnetic navigation. A TOML spec declares tables and stages. A run
 /// computes the results that are missing from the store. Each result is a Parquet data set.
 #[derive(Parser)]
@@ -421,11 +423,6 @@ fn print_to_stderr(text: &str) {
     if !text.is_empty() {
         err!("{text}");
     }
-}
-
-/// A count with its noun: `1 line`, `2 lines`.
-fn counted(n: usize, thing: &str) -> String {
-    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }
 
 fn plan(catalogue: &[StageEntry], args: &SpecArgs) -> Result<Plan, SpecFaults> {

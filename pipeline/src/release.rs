@@ -58,6 +58,7 @@ use set::{
 };
 pub use upload::upload;
 pub use verify::{ReleaseVerification, verify};
+pub(crate) use words::counted;
 
 /// Request for a published set.
 pub struct ReleaseRequest<'a> {

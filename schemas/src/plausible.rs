@@ -339,9 +339,8 @@ mod tests {
         assert_eq!(of("mag_3_uc", 54.0, ""), Some(ProbableCause::Unit("uT", 54_000.0)));
         assert!(matches!(of("mag_3_uc", 5.4e-5, ""), Some(ProbableCause::Unit("T", x)) if (x - 54_000.0).abs() < 1e-6));
         assert_eq!(of("mag_3_uc", 1e300, ""), None);
-        assert!(
-            matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(ProbableCause::Unit("deg", x)) if (x - 45.0).abs() < 1e-9)
-        );
+        let twice_converted = of("lat", 45.0f64.to_degrees(), "rad");
+        assert!(matches!(twice_converted, Some(ProbableCause::Unit("deg", x)) if (x - 45.0).abs() < 1e-9));
         assert!(matches!(of("lat", 2603.0, ""), Some(ProbableCause::DegreesMinutes(x)) if (x - 26.05).abs() < 1e-9));
         assert_eq!(of("lat", 95.0, ""), None);
         assert_eq!(of("tt", 300_000.0, ""), Some(ProbableCause::GpsWeek(3, 40_800.0)));

@@ -46,7 +46,8 @@ decimal_year = 2020.5
     /// Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the INS position.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Attitude that rotates the field into the body frame.
-    attitude: Option<AttitudeSource>, unit "", absent "the attitude of the INS if present, otherwise the true attitude if present";
+    attitude: Option<AttitudeSource>, unit "",
+        absent "the attitude of the INS if present, otherwise the true attitude if present";
     /// Date of all samples, instead of the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
 }

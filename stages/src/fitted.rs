@@ -65,8 +65,8 @@ impl FittedModel {
         predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
     }
 
-    /// Parts of the prediction `field_nt` for a line, in nT. NaN where a required column is NaN. A linear model has only
-    /// the linear part.
+    /// Parts of the prediction `field_nt` for a line, in nT. NaN where a required column is NaN. A linear model has
+    /// only the linear part.
     ///
     /// # Errors
     /// Fails in the cases of [`FittedModel::predict`].

@@ -88,7 +88,8 @@ level_m   = 300.0
     /// the column `igrf`.
     core_field: CoreFieldSource, unit "", default CoreFieldSource::None;
     /// Date of the core field, instead of the date of each point.
-    decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
+    decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`",
+        rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the values.
     remove_diurnal: bool, unit "", default false;
     /// Order of the polynomial that levels each line: 0 for a constant, 1 for a linear correction, and so on.
@@ -108,7 +109,8 @@ level_m   = 300.0
     /// West, south, east and north bounds of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
-    block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
+    block_m: Option<f64>, unit "m",
+        absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
     /// Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
     /// Keeps points that deviate from their line, and points far from all others.
@@ -116,7 +118,8 @@ level_m   = 300.0
     /// Omits every n-th line in turn and predicts it from the others.
     cross_validate: Option<usize>, unit "1", absent "no cross-validation", rule Rule::Between(2.0, 65535.0);
     /// EPSG code of the map's coordinate system.
-    to_epsg: Option<usize>, unit "", absent "the coordinate system of the points, or their UTM zone", rule Rule::Between(1.0, 65535.0);
+    to_epsg: Option<usize>, unit "", absent "the coordinate system of the points, or their UTM zone",
+        rule Rule::Between(1.0, 65535.0);
 }
 
 /// Map of a survey.

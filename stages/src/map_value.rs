@@ -38,7 +38,8 @@ map_levels_m = [300.0, 400.0]
 "#;
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
     /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
-    position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
+    position: Option<PositionSource>, unit "",
+        absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
     /// Interpolation of the map. The field above its sources is smooth, so spline interpolation is more accurate than
     /// bilinear interpolation.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;

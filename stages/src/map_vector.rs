@@ -60,11 +60,14 @@ decimal_year = 2020.5
     /// Component of the field.
     component: VectorComponent, unit "", default VectorComponent::Down;
     /// Date of the core field (IGRF-14) that gives the direction.
-    decimal_year: Option<f64>, unit "a", absent "`inclination_deg` and `declination_deg` give the direction", rule Rule::Between(1900.0, 2030.0);
+    decimal_year: Option<f64>, unit "a", absent "`inclination_deg` and `declination_deg` give the direction",
+        rule Rule::Between(1900.0, 2030.0);
     /// Inclination of the core field, downward from the horizontal.
-    inclination_deg: Option<f64>, unit "deg", absent "the inclination of the core field", rule Rule::Between(-90.0, 90.0);
+    inclination_deg: Option<f64>, unit "deg", absent "the inclination of the core field",
+        rule Rule::Between(-90.0, 90.0);
     /// Declination of the core field, from true north to east.
-    declination_deg: Option<f64>, unit "deg", absent "the declination of the core field", rule Rule::Between(-180.0, 180.0);
+    declination_deg: Option<f64>, unit "deg", absent "the declination of the core field",
+        rule Rule::Between(-180.0, 180.0);
     /// Keeps values at nodes where the input map has none.
     keep_filled: bool, unit "", default false;
 }

@@ -265,8 +265,8 @@ impl TrackMap {
         }
         if report.misfit > MISFIT {
             warnings.push(format!(
-                "the residual of the map is {:.1} times the assumed noise: the position error exceeds the covariance of \
-                 the track, or the field is rougher than the kernel",
+                "the residual of the map is {:.1} times the assumed noise: the position error exceeds the covariance \
+                 of the track, or the field is rougher than the kernel",
                 report.misfit
             ));
         }

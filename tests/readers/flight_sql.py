@@ -121,13 +121,15 @@ def main():
                     assert pandas.read_sql(query, connection)["n"].tolist() == counted["n"].to_pylist()
                     assert polars.read_database(query, connection)["n"].to_list() == counted["n"].to_pylist()
                     for query in [f"DROP TABLE {quoted(some)}", f"DELETE FROM {quoted(some)}",
-                                  f"INSERT INTO {quoted(some)} SELECT * FROM {quoted(some)}", "COPY (SELECT 1) TO '/tmp/x'"]:
+                                  f"INSERT INTO {quoted(some)} SELECT * FROM {quoted(some)}",
+                                  "COPY (SELECT 1) TO '/tmp/x'"]:
                         fails(query, "rejected", lambda query=query: cursor.execute(query))
                     fails("ingest", "", lambda: cursor.adbc_ingest("new", pa.table({"a": [1]})))
                     fails("no table", "there is no table", lambda: cursor.execute("SELECT * FROM nowhere.nothing"))
 
             def counts():
-                with flight_sql.connect(server.uri, db_kwargs={"username": "any", "password": token}, autocommit=True) as one:
+                with flight_sql.connect(server.uri, db_kwargs={"username": "any", "password": token},
+                                        autocommit=True) as one:
                     with one.cursor() as cursor:
                         cursor.execute(f"SELECT count(*) FROM {quoted(some)}")
                         answers.append(cursor.fetchone()[0])
@@ -142,7 +144,8 @@ def main():
                 cursor.execute(f"SELECT a.tt, b.tt AS u FROM {quoted(some)} a, {quoted(some)} b")
                 assert cursor.fetch_record_batch().read_next_batch().num_rows > 0
             counts()
-            taken = subprocess.run([options.magline, "serve", "--store", options.store, "--bind", server.uri.split("//")[1]],
+            taken = subprocess.run([options.magline, "serve", "--store", options.store, "--bind",
+                                    server.uri.split("//")[1]],
                                    capture_output=True, text=True)
             assert taken.returncode != 0 and "cannot listen" in taken.stderr, taken
 
@@ -158,7 +161,8 @@ def main():
         encrypted = ["--tls-cert", str(pem / "localhost.pem"), "--tls-key", str(pem / "localhost.key")]
         with Server(options.magline, options.store, "--token-file", str(file), *encrypted) as server:
             trust = {DatabaseOptions.TLS_ROOT_CERTS.value: (pem / "ca.pem").read_text()}
-            with flight_sql.connect(server.uri, db_kwargs=bearer | trust, autocommit=True) as one, one.cursor() as cursor:
+            with flight_sql.connect(server.uri, db_kwargs=bearer | trust,
+                                    autocommit=True) as one, one.cursor() as cursor:
                 cursor.execute(f"SELECT count(*) FROM {quoted(some)}")
                 assert cursor.fetchone()[0] == answers[0]
             fails("an unknown authority", "", lambda: ask(**bearer))

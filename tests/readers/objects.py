@@ -1,7 +1,8 @@
 """Compares stores, inputs and published sets in an object store with those in folders, byte by byte.
 
-python3 tests/readers/objects.py --magline target/debug/magline [--only NAME]... A magline with the feature `object-stores`.
-Needs moto[server], an independent S3 server. A proxy before it rejects, truncates and delays answers. Exit status 1 if anything differs.
+python3 tests/readers/objects.py --magline target/debug/magline [--only NAME]... A magline with the feature
+`object-stores`. Needs moto[server], an independent S3 server. A proxy before it rejects, truncates and delays answers.
+Exit status 1 if anything differs.
 """
 
 import argparse
@@ -51,7 +52,8 @@ class Proxy(BaseHTTPRequestHandler):
         if fault == "500":
             return self.answer(500, {}, b"<Error><Code>InternalError</Code></Error>")
         if fault == "403":
-            text = b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message><AWSAccessKeyId>SECRETID</AWSAccessKeyId></Error>"
+            text = (b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message>"
+                    b"<AWSAccessKeyId>SECRETID</AWSAccessKeyId></Error>")
             return self.answer(403, {}, text)
         if fault == "hang":
             time.sleep(8)
@@ -60,7 +62,8 @@ class Proxy(BaseHTTPRequestHandler):
         connection.request(self.command, self.path, body, headers)
         answer = connection.getresponse()
         data = answer.read()
-        headers = {k: v for k, v in answer.getheaders() if k.lower() not in ("connection", "transfer-encoding", "server", "date")}
+        own = ("connection", "transfer-encoding", "server", "date")
+        headers = {k: v for k, v in answer.getheaders() if k.lower() not in own}
         if self.command == "HEAD":
             self.send_response(answer.status)
             for k, v in headers.items():
@@ -112,7 +115,8 @@ class Lab:
 
     def request(self, method, path, body=None):
         connection = http.client.HTTPConnection(*Proxy.target, timeout=60)
-        connection.request(method, path, body, {"Authorization": "AWS4-HMAC-SHA256 Credential=x/20260101/us-east-1/s3/aws4_request"})
+        connection.request(method, path, body, {"Authorization": "AWS4-HMAC-SHA256 "
+                                                                 "Credential=x/20260101/us-east-1/s3/aws4_request"})
         answer = connection.getresponse()
         data = answer.read()
         assert answer.status in (200, 204), (method, path, answer.status, data)
@@ -142,14 +146,16 @@ class Lab:
     def env(self, cache, **more):
         env = {k: v for k, v in os.environ.items() if not k.startswith("AWS_")}
         env |= dict(
-            MAGLINE_CACHE=str(cache), AWS_ENDPOINT_URL=self.endpoint, AWS_ALLOW_HTTP="true", AWS_ACCESS_KEY_ID="geheim-id",
+            MAGLINE_CACHE=str(cache), AWS_ENDPOINT_URL=self.endpoint, AWS_ALLOW_HTTP="true",
+            AWS_ACCESS_KEY_ID="geheim-id",
             AWS_SECRET_ACCESS_KEY="geheim-key", AWS_REGION="us-east-1", AWS_TIMEOUT="4 seconds",
         )
         return env | more
 
     def start(self, args, cache, **more):
         return subprocess.Popen(
-            [self.magline, *map(str, args)], env=self.env(cache, **more), cwd=self.folder, text=True, stdin=subprocess.PIPE,
+            [self.magline, *map(str, args)], env=self.env(cache, **more), cwd=self.folder, text=True,
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )
 
@@ -210,7 +216,8 @@ class Checks:
         return f"store{self.number}"
 
     def ran(self, prefix, cache, *more, status=0):
-        return self.lab.run(["run", self.spec, "--set", f"store=s3://{BUCKET}/{prefix}", "--json", *more], cache, status)
+        return self.lab.run(["run", self.spec, "--set", f"store=s3://{BUCKET}/{prefix}", "--json", *more], cache,
+                            status)
 
     def bucket_is_right(self, prefix):
         found = {name: data for name, data in self.lab.objects(prefix).items() if not name.startswith(TIMED)}
@@ -237,13 +244,15 @@ class Checks:
         again, _ = self.ran(prefix, cold)
         assert computed(again)["computed"] == 0
         copied = [n for n in files(store_of(cold)) if n.startswith("objects/")]
-        print(f"  with an empty cache {len(copied)} of {sum(n.startswith('objects/') for n in self.expected)} packs are copied")
+        print(f"  with an empty cache {len(copied)} of {sum(n.startswith('objects/') for n in self.expected)} packs "
+              "are copied")
         ls, _ = self.lab.run(["ls", "--store", f"s3://{BUCKET}/{prefix}"], self.lab.cache())
         for line in ls.splitlines()[1:]:
             table = line.split()[0]
             query = f"SELECT * FROM {table}"
             here = self.lab.run(["sql", query, "--store", self.local, "--format", "json"], cold)[0]
-            there = self.lab.run(["sql", query, "--store", f"s3://{BUCKET}/{prefix}", "--format", "json"], self.lab.cache())[0]
+            there = self.lab.run(["sql", query, "--store", f"s3://{BUCKET}/{prefix}", "--format", "json"],
+                                 self.lab.cache())[0]
             assert rows(here) == rows(there) and (here or line.split()[1] == "0"), table
         self.lab.run(["verify", "--store", f"s3://{BUCKET}/{prefix}"], self.lab.cache())
 
@@ -268,7 +277,8 @@ class Checks:
         for name, data in self.expected.items():
             assert name.startswith(("objects/", "versions/")) or copy[name] == data, name
         query = ["sql", "SELECT * FROM " + self.scores(address), "--format", "json", "--store"]
-        assert rows(self.lab.run([*query, address], self.lab.cache())[0]) == rows(self.lab.run([*query, self.local], cache)[0])
+        found = self.lab.run([*query, address], self.lab.cache())[0]
+        assert rows(found) == rows(self.lab.run([*query, self.local], cache)[0])
         out, _ = self.ran(self.prefix(), self.lab.cache(), "--engine", "processes")
         assert computed(out) == self.units
 
@@ -377,13 +387,15 @@ class Checks:
         for name, data in self.lab.objects("in").items():
             (local / name).write_bytes(data)
         other = self.lab.folder / "files.toml"
-        other.write_text(spec.read_text().replace(f"s3://{BUCKET}/in/", f"{local}/").replace(f"s3://{BUCKET}/of_inputs", str(self.lab.folder / "of_files")))
+        text = spec.read_text().replace(f"s3://{BUCKET}/in/", f"{local}/")
+        other.write_text(text.replace(f"s3://{BUCKET}/of_inputs", str(self.lab.folder / "of_files")))
         self.lab.run(["run", other], cache)
         query = ["sql", "SELECT * FROM inputs.even", "--format", "json", "--store"]
         there = self.lab.run([*query, f"s3://{BUCKET}/of_inputs"], cache)[0]
         assert rows(there) == rows(self.lab.run([*query, self.lab.folder / "of_files"], cache)[0])
         keys = lambda objects: {n for n in objects if n.startswith("objects/")}
-        assert keys(files(self.lab.folder / "of_files")) <= keys(self.lab.objects("of_inputs")), "keys depend on where files are"
+        of_files, of_inputs = keys(files(self.lab.folder / "of_files")), keys(self.lab.objects("of_inputs"))
+        assert of_files <= of_inputs, "keys depend on where files are"
         lineage, _ = self.lab.run(["lineage", "inputs.even", "--store", f"s3://{BUCKET}/of_inputs"], cache)
         assert f"s3://{BUCKET}/in/a.csv" in lineage and str(cache) not in lineage, lineage
 
@@ -391,7 +403,8 @@ class Checks:
         prefix, cache = self.prefix(), self.lab.cache()
         spec = self.lab.folder / "published.toml"
         text = Path(self.spec).read_text().replace('path   = "', 'path = "').replace('path = "', f'path = "{EXAMPLES}/')
-        about = '[publish]\ntitle = "a"\ndescription = "b"\nlicence = "CC-BY-4.0"\ncontact = "a@b.org"\ndate = "2026-01-01"\nauthors = [{ name = "A B" }]\n'
+        about = ('[publish]\ntitle = "a"\ndescription = "b"\nlicence = "CC-BY-4.0"\ncontact = "a@b.org"\n'
+                 'date = "2026-01-01"\nauthors = [{ name = "A B" }]\n')
         spec.write_text(text + "\n" + about)
         address = f"s3://{BUCKET}/{prefix}"
         self.lab.run(["run", spec, "--set", f"store={address}"], cache)
@@ -410,7 +423,8 @@ class Checks:
         for line in sums:
             sum_, name = line.split(maxsplit=1)
             assert hashlib.sha256(here[name.strip().lstrip("*")]).hexdigest() == sum_
-        html, _ = self.lab.run(["report", spec, "--set", f"store={address}", "-o", self.lab.folder / "a.html"], self.lab.cache())
+        html, _ = self.lab.run(["report", spec, "--set", f"store={address}", "-o", self.lab.folder / "a.html"],
+                               self.lab.cache())
 
 
 def main():

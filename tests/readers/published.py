@@ -1,6 +1,6 @@
 """Reads a published data set with pyarrow, pandas, Polars, DuckDB and, where there is Java, Spark: rows, types,
-missing values, minimum and maximum of every column must agree with its `dictionary.json`. Then validates its documents with
-mlcroissant, frictionless, cffconvert and a RO-Crate validator. See README.md beside this file."""
+missing values, minimum and maximum of every column must agree with its `dictionary.json`. Then validates its documents
+with mlcroissant, frictionless, cffconvert and a RO-Crate validator. See README.md beside this file."""
 
 import argparse
 import json
@@ -25,7 +25,8 @@ def of_arrow(kind):
     return TEXT if pa.types.is_string(kind) or pa.types.is_large_string(kind) else str(kind)
 
 
-# Each reader returns the rows and, for each column, its type, missing values, minimum and maximum (None without values).
+# Each reader returns the rows and, for each column, its type, missing values, minimum and maximum (None without
+# values).
 
 def with_pyarrow(folder):
     import pyarrow.parquet
@@ -66,7 +67,8 @@ def with_polars(folder):
             column = column.fill_nan(None) if kind == pl.Float64 else column
             found[name] = (kinds[kind], column.null_count(), column.min(), column.max())
         else:
-            found[name] = (kinds.get(kind, LIST if isinstance(kind, (pl.List, pl.Array)) else str(kind)), column.null_count(), None, None)
+            found[name] = (kinds.get(kind, LIST if isinstance(kind, (pl.List, pl.Array)) else str(kind)),
+                           column.null_count(), None, None)
     return len(table), found
 
 
@@ -123,7 +125,8 @@ def differences(found, table):
             yield f"`{name}` has {missing} missing values, not {column['missing']}"
         for what, x in [("min", least), ("max", greatest)]:
             y = column.get(what)
-            if column["type"] in (NUMBER, INTEGER) and not (x == y or (x is not None and y is not None and math.isclose(x, y, rel_tol=1e-15))):
+            close = x == y or (x is not None and y is not None and math.isclose(x, y, rel_tol=1e-15))
+            if column["type"] in (NUMBER, INTEGER) and not close:
                 yield f"the {what} of `{name}` is {x!r}, not {y!r}"
 
 
@@ -140,7 +143,8 @@ def read_all(folder, readers):
         print(f"{table['name']}: {table['rows']} rows, {len(table['columns'])} columns: {'differ' if said else 'same'}")
         print("".join(f"{line}\n" for line in said), end="", flush=True)
         wrong += bool(said)
-    print(f"{len(dictionary['tables'])} tables; {', '.join(readers)}: {f'{wrong} tables differ' if wrong else 'all the same'}")
+    print(f"{len(dictionary['tables'])} tables; {', '.join(readers)}: "
+          f"{f'{wrong} tables differ' if wrong else 'all the same'}")
     return wrong
 
 
@@ -172,11 +176,14 @@ class NotChecked(Exception):
 
 
 def citation(folder, program):
-    """`program` is cffconvert's, which cannot share an environment with frictionless: they require different versions of jsonschema."""
-    found = program or shutil.which("cffconvert", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    """`program` is cffconvert's, which cannot share an environment with frictionless: they require different versions
+    of jsonschema."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    found = program or shutil.which("cffconvert", path=path)
     if not found:
         raise NotChecked("there is no program cffconvert; --cffconvert names it")
-    done = subprocess.run([str(found), "--validate", "-i", str(folder / "CITATION.cff")], capture_output=True, text=True)
+    done = subprocess.run([str(found), "--validate", "-i", str(folder / "CITATION.cff")], capture_output=True,
+                          text=True)
     return [] if done.returncode == 0 else [done.stdout + done.stderr]
 
 
@@ -228,7 +235,8 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path, help="the published data set")
     parser.add_argument("--spark", action="store_true", help="read it with Spark too")
     parser.add_argument("--ro-crate-context", help="the file of the context of RO-Crate 1.1; fetched otherwise")
-    parser.add_argument("--cffconvert", help="the program cffconvert; otherwise that beside this Python, or on the path")
+    parser.add_argument("--cffconvert", help="the program cffconvert; otherwise that beside this Python, or on the "
+                                             "path")
     args = parser.parse_args()
     folder = args.folder.resolve()
     readers = {"pyarrow": with_pyarrow, "pandas": with_pandas, "polars": with_polars, "duckdb": with_duckdb}

@@ -1,5 +1,5 @@
-"""Counts the rows and sums the numeric columns of every published table of a store with pyarrow, Polars, DuckDB, pandas and
-`magline sql`. See README.md beside this file."""
+"""Counts the rows and sums the numeric columns of every published table of a store with pyarrow, Polars, DuckDB, pandas
+and `magline sql`. See README.md beside this file."""
 
 import argparse
 import json
@@ -146,12 +146,14 @@ def compare(store, binary, readers):
             except Exception as e:
                 said.append(f"  {name}: {type(e).__name__}: {e}")
         numbers = sum(n for n, _, _ in wanted.values())
-        print(f"{table}: {rows} rows, {len(columns)} numeric columns, {numbers} numbers: {'differ' if said else 'same'}")
+        print(f"{table}: {rows} rows, {len(columns)} numeric columns, {numbers} numbers: "
+              f"{'differ' if said else 'same'}")
         print("".join(f"{line}\n" for line in said), end="", flush=True)
         wrong += bool(said)
         total_rows += rows
         total_columns += len(columns)
-    print(f"{len(found)} tables, {total_rows} rows, {total_columns} numeric columns; magline sql and {', '.join(readers)}: "
+    print(f"{len(found)} tables, {total_rows} rows, {total_columns} numeric columns; magline sql and "
+          f"{', '.join(readers)}: "
           + (f"{wrong} tables differ" if wrong else "all the same"))
     return wrong
 

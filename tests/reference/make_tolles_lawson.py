@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 from scipy.signal import butter, sosfiltfilt
 from sklearn.linear_model import Ridge
 
-table = pq.read_table(pathlib.Path(__file__).parents[2] / "datasets/samples/magnavjl_tl/magnavjl_tl.parquet").to_pandas()
+table = pq.read_table(pathlib.Path(__file__).parents[2]
+                      / "datasets/samples/magnavjl_tl/magnavjl_tl.parquet").to_pandas()
 b = table[["flux_a_x_nt", "flux_a_y_nt", "flux_a_z_nt"]].to_numpy()
 bt = np.linalg.norm(b, axis=1)[:, None]
 db = np.vstack([b[1] - b[0], (b[2:] - b[:-2]) / 2, b[-1] - b[-2]])

@@ -5,7 +5,8 @@ use super::*;
 /// Spec over the flights of a bench with the restricted column `mag_1_c` and these stages.
 fn restricted(more: &str, axes: &str, stages: &str) -> String {
     format!(
-        "name = \"small\"\nseed = 1\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\nrestricted = [\"mag_1_c\"]\n\
+        "name = \"small\"\nseed = 1\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n\
+         restricted = [\"mag_1_c\"]\n\
          reason = \"the agreement\"\n{more}\n[axes]\n{axes}\n{stages}\n{FACTS}"
     )
 }
@@ -64,14 +65,18 @@ fn user_expressions_that_choose_samples_make_no_aggregate() {
     refused(&restricted("", axis, &format!("{rows}{SCORE}")), &["sc"], "an expression of `pick`");
     let weighed = "[[stages]]\nname=\"pick\"\nstage=\"derive\"\ninput=\"flights\"\n\
         columns={ one = \"case when tt < 0.05 then mag_1_c else 0.0 end\" }\nunits={ one = \"nT\" }\n\
-        [[stages]]\nname=\"sc\"\nstage=\"score\"\ninput=\"pick\"\nmag=\"one\"\ntruth=\"mag_4_uc\"\nmetrics=[\"bias_error\"]\n";
+        [[stages]]\nname=\"sc\"\nstage=\"score\"\ninput=\"pick\"\nmag=\"one\"\ntruth=\"mag_4_uc\"\n\
+        metrics=[\"bias_error\"]\n";
     refused(&restricted("", "", weighed), &["sc"], "an expression of `pick`");
-    let fitted = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01' and tt > 1\"\nmodel=\"ridge\"\n\
+    let fitted = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01' and tt > 1\"\n\
+                  model=\"ridge\"\n\
         target=\"mag_1_c\"\nfeatures=[\"mag_4_uc\"]\n";
     refused(&restricted("", "", fitted), &["model"], "`where` of `model`");
     // Sums with constant factors neither select nor weight samples.
-    let sums = "[[stages]]\nname=\"pick\"\nstage=\"derive\"\ninput=\"flights\"\ncolumns={ d = \"0.5 * (mag_4_uc - mag_1_c)\" }\n\
-        [[stages]]\nname=\"sc\"\nstage=\"score\"\ninput=\"pick\"\nmag=\"mag_4_uc\"\ntruth=\"mag_1_c\"\nmetrics=[\"std_error\"]\n";
+    let sums = "[[stages]]\nname=\"pick\"\nstage=\"derive\"\ninput=\"flights\"\n\
+                columns={ d = \"0.5 * (mag_4_uc - mag_1_c)\" }\n\
+        [[stages]]\nname=\"sc\"\nstage=\"score\"\ninput=\"pick\"\nmag=\"mag_4_uc\"\ntruth=\"mag_1_c\"\n\
+        metrics=[\"std_error\"]\n";
     assert!(!asked(&restricted("", "", sums), &["sc"]).0);
 }
 
@@ -79,8 +84,10 @@ fn user_expressions_that_choose_samples_make_no_aggregate() {
 fn user_a_model_that_memorises_is_no_aggregate() {
     let fit = |model: &str| {
         format!(
-            "[[stages]]\nname=\"net\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01'\"\nmodel=\"{model}\"\ntarget=\"mag_1_c\"\n\
-             features=[\"tt\"]\n[[stages]]\nname=\"cl\"\nstage=\"compensate\"\ninput=\"flights\"\nmodel=\"net\"\nmag=\"mag_4_uc\"\n"
+            "[[stages]]\nname=\"net\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01'\"\nmodel=\"{model}\"\n\
+             target=\"mag_1_c\"\n\
+             features=[\"tt\"]\n[[stages]]\nname=\"cl\"\nstage=\"compensate\"\ninput=\"flights\"\nmodel=\"net\"\n\
+             mag=\"mag_4_uc\"\n"
         )
     };
     for model in ["random_features", "boosted_trees"] {
@@ -92,7 +99,8 @@ fn user_a_model_that_memorises_is_no_aggregate() {
 
 #[test]
 fn user_aggregates_that_differ_by_few_samples_are_rejected() {
-    let fit = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01'\"\nmodel=\"ridge\"\ntarget=\"mag_1_c\"\n\
+    let fit = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01'\"\nmodel=\"ridge\"\n\
+               target=\"mag_1_c\"\n\
         features=[\"mag_4_uc\"]\ntrim=\"$trim\"\n";
     refused(&restricted("", "trim = [20, 21]", fit), &["model"], "differ by fewer than 100");
     assert!(!asked(&restricted("", "trim = [20, 80]", fit), &["model"]).0, "120 samples");

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Runs a spec on a Slurm cluster. A job plans a wave, an array of jobs computes it, and the next job plans the next wave. The
-# last plan job publishes the tables. All jobs need access to the same folder.
+# Runs a spec on a Slurm cluster. A job plans a wave, an array of jobs computes it, and the next job plans the next
+# wave. The last plan job publishes the tables. All jobs need access to the same folder.
 #     WORKERS=32 bash slurm.sh SPEC STORE
 # The jobs run this file too. Add the options that your cluster requires to the two calls of `sbatch`: --time, --mem,
 # --cpus-per-task, --partition, --account. `--time` ends a unit that hangs; after three attempts, the unit fails.
@@ -10,7 +10,10 @@ workers=${WORKERS:-8}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/slurm.sh
 # Slurm copies the script of a job to another folder, so the jobs get its path in a variable.
 script=${MAGLINE_SCRIPT:-$here}
-plan() { sbatch --parsable --job-name=magline-plan --export=ALL,WORKERS="$workers",MAGLINE_SCRIPT="$script" "$@" "$script" "$spec" "$store" plan; }
+plan() {
+  sbatch --parsable --job-name=magline-plan --export=ALL,WORKERS="$workers",MAGLINE_SCRIPT="$script" "$@" \
+    "$script" "$spec" "$store" plan
+}
 
 case $step in
   submit)

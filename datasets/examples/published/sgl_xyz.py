@@ -5,8 +5,8 @@ TABLE.csv has the columns of the twin, from a run of `sgl_lines.toml` on `sgl_tw
 
     magline sql -f sgl_xyz.sql --store store_twin --format csv -o TABLE.csv
 
-The survey's files have the velocity of the INS to the west and upwards, its latitude and longitude in radians, its specific
-force in axes rotated by the wander angle (0 here), and no velocity by GNSS. `*` marks a missing value.
+The survey's files have the velocity of the INS to the west and upwards, its latitude and longitude in radians, its
+specific force in axes rotated by the wander angle (0 here), and no velocity by GNSS. `*` marks a missing value.
 """
 
 import csv

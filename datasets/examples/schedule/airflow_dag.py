@@ -1,4 +1,5 @@
-"""Runs a sweep every night, with an alert when a unit fails. For Airflow 3 (or 2.10); put this file into the folder `dags`.
+"""Runs a sweep every night, with an alert when a unit fails. For Airflow 3 (or 2.10); put this file into the folder
+`dags`.
 
 MAGLINE_SPEC is the path of the spec, MAGLINE the path of the program. Try it with `airflow dags test magline_sweep`.
 """

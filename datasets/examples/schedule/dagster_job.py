@@ -1,4 +1,5 @@
-"""The published tables as one asset, which is updated every hour. Try it with `dagster job execute -f dagster_job.py -j sweep`.
+"""The published tables as one asset, which is updated every hour. Try it with `dagster job execute -f dagster_job.py -j
+sweep`.
 
 MAGLINE_SPEC is the path of the spec, MAGLINE the path of the program.
 """

@@ -124,7 +124,8 @@ fn clock(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let tt = line.get("tt")?;
     let row = clock_digits::minute_after(tt)?;
     let help = format!(
-        "read the column through a mapping: `time = {{ from = [{:?}], clock = \"text\", format = ... }}`, where the format is {}",
+        "read the column through a mapping: `time = {{ from = [{:?}], clock = \"text\", format = ... }}`, where the \
+         format is {}",
         line.origins.name("tt"),
         clock_digits::formats(tt)
     );

@@ -53,7 +53,8 @@ def write(name, dtype="f4", order="<", tile=None, deflate=False, predictor=1, ge
     keys = [1, 1, 0, 3, 1024, 0, 1, code[0], 1025, 0, 1, 2 if point else 1, code[1], 0, 1, code[2]]
     kinds = {"H": (3, 2), "I": (4, 4), "d": (12, 8), "s": (2, 1), "Q": (16, 8)}
     kind = {"f": 3, "i": 2, "u": 1}[np.dtype(dtype).kind]
-    tags = {256: ("H", [COLUMNS]), 257: ("H", [ROWS]), 258: ("H", [8 * data.itemsize]), 259: ("H", [8 if deflate else 1]),
+    tags = {256: ("H", [COLUMNS]), 257: ("H", [ROWS]), 258: ("H", [8 * data.itemsize]),
+            259: ("H", [8 if deflate else 1]),
             262: ("H", [1]), 277: ("H", [1]), 284: ("H", [1]), 339: ("H", [kind]), 34735: ("H", keys)}
     if predictor != 1:
         tags[317] = ("H", [predictor])
@@ -71,7 +72,8 @@ def write(name, dtype="f4", order="<", tile=None, deflate=False, predictor=1, ge
     if nodata is not None:
         tags[42113] = ("s", nodata.encode() + b"\0")
     if height is not None:
-        tags[42112] = ("s", f'<GDALMetadata>\n  <Item name="level_height_m">{height}</Item>\n</GDALMetadata>\n'.encode() + b"\0")
+        tags[42112] = ("s", f'<GDALMetadata>\n  <Item name="level_height_m">{height}</Item>\n</GDALMetadata>\n'.encode()
+                       + b"\0")
     offsets, counts = (324, 325) if tile else (273, 279)
     word = "Q" if big else "I"
     tags[offsets], tags[counts] = (word, [0] * len(blocks)), (word, [len(b) for b in blocks])
@@ -97,7 +99,8 @@ def write(name, dtype="f4", order="<", tile=None, deflate=False, predictor=1, ge
             out_extra += raw + b"\0" * (len(raw) % 2)
     magic = b"II" if order == "<" else b"MM"
     head = magic + (struct.pack(order + "HHHQ", 43, 8, 0, 16) if big else struct.pack(order + "HI", 42, 8))
-    body = struct.pack(order + ("Q" if big else "H"), len(tags)) + out_entries + struct.pack(order + word, 0) + out_extra
+    body = struct.pack(order + ("Q" if big else "H"), len(tags)) + out_entries
+    body += struct.pack(order + word, 0) + out_extra
     open(name, "wb").write(head + body + b"".join(blocks))
 
 

@@ -128,10 +128,12 @@ def base_90(number, digits):
 
 def gxf(name, packed, sense=1):
     """From the specification of GXF revision 3; GDAL reads both files (see check_maps.py)."""
-    head = ["A map, in words before the first object.", "", "#TITLE", "small map", "#POINTS", str(COLUMNS), "#ROWS", str(ROWS)]
+    head = ["A map, in words before the first object.", "", "#TITLE", "small map", "#POINTS", str(COLUMNS), "#ROWS",
+            str(ROWS)]
     head += ["#PTSEPARATION", "500.0", "#RWSEPARATION", "500.0", "#XORIGIN", "370000", "#YORIGIN", "5676500"]
     head += ["#SENSE", str(sense), "#DUMMY", "-1e32", '#UNIT_LENGTH', '"m",1']
-    head += ["#MAP_PROJECTION", '"WGS 84 / UTM zone 30N"', '"WGS 84",6378137,0.081819191,0', '"Transverse Mercator",0,-3,0.9996,500000,0']
+    head += ["#MAP_PROJECTION", '"WGS 84 / UTM zone 30N"', '"WGS 84",6378137,0.081819191,0',
+             '"Transverse Mercator",0,-3,0.9996,500000,0']
     if not packed:
         lines = [" ".join("-1e32" if np.isnan(v) else repr(float(v)) for v in r) for r in SOUTH]
     else:
@@ -153,7 +155,8 @@ with open("surfer7_v2.grd", "wb") as f:
     f.write(b"DSRB" + struct.pack("<ii", 4, 2))
     f.write(b"GRID" + struct.pack("<iii8d", 72, ROWS, COLUMNS, X[0], Y[0], 500.0, 500.0, 0.0, 1.0, 0.0, -12345.0))
     f.write(b"FLTI" + struct.pack("<iii", 8, 0, 0))
-    f.write(b"DATA" + struct.pack("<i", 8 * COLUMNS * ROWS) + np.nan_to_num(SOUTH, nan=-12345.0).astype("<f8").tobytes())
+    f.write(b"DATA" + struct.pack("<i", 8 * COLUMNS * ROWS)
+            + np.nan_to_num(SOUTH, nan=-12345.0).astype("<f8").tobytes())
 
 for left in glob.glob("*.aux.xml"):
     os.remove(left)
@@ -170,7 +173,8 @@ with h5py.File("h5py_vector.h5", "w") as f:
         f[name] = component.T
     f["xx"], f["yy"], f["alt"], f["info"] = LON, LAT, 300.0, "map"
 
-scalar_map = {"map": np.nan_to_num(SOUTH), "xx": LON, "yy": LAT, "alt": 300.0, "info": "map", "mask": np.isfinite(SOUTH)}
+scalar_map = {"map": np.nan_to_num(SOUTH), "xx": LON, "yy": LAT, "alt": 300.0, "info": "map",
+              "mask": np.isfinite(SOUTH)}
 savemat("scipy_map.mat", {"map_data": scalar_map}, do_compression=True)
 savemat("scipy_vector.mat", {"alt": 300.0, "xx": LON[:, None], "yy": LAT[:, None], **vector_map()})
 with h5py.File("h5py_map_v73.mat", "w", userblock_size=512) as f:

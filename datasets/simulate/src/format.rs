@@ -97,7 +97,8 @@ mod tests {
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
         let formats = flight_formats(&[FORMAT]);
         let message = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap_err();
-        let known = "known here: parquet, synth, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
+        let known = "known here: parquet, synth, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, \
+                     magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
         assert_eq!(message.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }
 }

@@ -350,7 +350,8 @@ fn law_the_filter_is_more_accurate_than_the_ins_over_osborne() {
 fn gold_all_faults_of_a_spec_are_reported_with_their_place() {
     let folder = TempDir::new().unwrap();
     let text = "seed = 1\nrate_hs = 10.0\n[map]\npath = 'none.tif'\n[[magnetometers]]\nname = 'mag_2_uc'\n\
-                permanent_n = 3.0\n[[magnetometers]]\nname = 'mag_3_uc'\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 1.0\n[[currents]]\nname = 'cur_z'\non_a = 'much'\n\
+                permanent_n = 3.0\n[[magnetometers]]\nname = 'mag_3_uc'\ncurrents = { cur_y = 1.0 }\n[[currents]]\n\
+                name = 'cur_x'\non_a = 1.0\n[[currents]]\nname = 'cur_z'\non_a = 'much'\n\
                 [[flights]]\nname = '1'\n[[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
     let path = written(&folder, text);
     let message = Simulation::open(&path).unwrap_err().to_string();
@@ -376,11 +377,10 @@ fn gold_all_faults_of_a_spec_are_reported_with_their_place() {
 #[test]
 fn unit_all_faults_are_in_the_order_of_the_file() {
     let folder = TempDir::new().unwrap();
-    // The invalid day of the year, and a source with height and depth, are found after the keys of the tables below
-    // them.
-    let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
-                alt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\nname = '1'\n\
-                [[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
+    // The invalid day, and a source with height and depth, are found after the keys of the tables below them.
+    let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\n\
+                depth_m = 1.0\nalt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\n\
+                name = '1'\n[[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
     let message = Simulation::open(&written(&folder, text)).unwrap_err().to_string();
     let place = |line: &str| {
         let (line, column) = line.split_once("s.synth.toml:")?.1.split_once(':')?;
@@ -403,12 +403,12 @@ fn gold_lines_that_cannot_be_flown() {
         simulation.into_lines(1).find_map(Result::err).unwrap().to_string()
     };
     let low = first(&spec_text("", &SHORT.replace("alt_m = 500.0", "alt_m = 100.0")));
-    assert!(low.ends_with("the map's height (500 m) is above the line's height (100 m) (raise `alt_m` of the line to the map's height or above)"), "{low}");
+    let expected = "the map's height (500 m) is above the line's height (100 m) (raise `alt_m` of the line to the \
+                    map's height or above)";
+    assert!(low.ends_with(expected), "{low}");
     let away = first(&spec_text("", &SHORT.replace("[-22.05, 140.6]", "[-22.05, 149.6]")));
-    assert!(
-        away.contains("flight A, line A.1: the line leaves the known map after 0.0 s, at -22.05000, 149.60000"),
-        "{away}"
-    );
+    let expected = "flight A, line A.1: the line leaves the known map after 0.0 s, at -22.05000, 149.60000";
+    assert!(away.contains(expected), "{away}");
     let gone = spec_text("", SHORT).replace("osborne_anomaly_100m_at_500m.tif", "gone.tif");
     let gone = Simulation::open(&written(&folder, &gone)).unwrap_err().to_string();
     assert!(gone.contains("gone.tif` does not exist"), "{gone}");

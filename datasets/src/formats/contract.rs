@@ -212,10 +212,3 @@ pub struct MapFormat {
     pub(super) read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
     pub(super) write: Option<MapWriter>,
 }
-
-impl MapFormat {
-    /// Whether [`write_grid`] supports it.
-    pub fn is_written(&self) -> bool {
-        self.write.is_some()
-    }
-}

@@ -1,5 +1,5 @@
-//! Comma-separated text with a header row; other separators are converted. The file is read twice: once for the type of each column, once for the
-//! values. Memory does not grow with the file.
+//! Comma-separated text with a header row; other separators are converted. The file is read twice: once for the type of
+//! each column, once for the values. Memory does not grow with the file.
 //!
 //! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
 //! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is another

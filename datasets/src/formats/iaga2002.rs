@@ -398,7 +398,8 @@ mod tests {
     #[test]
     fn unit_missing_values_are_nan_and_days_are_consecutive() {
         let rows = "2024-12-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n2024-12-31 23:59:00.000 366  99999.00 2.0 3.0 4.0\n\
-                    2025-01-01 00:01:00.000 001  5.0 6.0 7.0 88888.00\n2025-01-01 00:02:00.000 001  5.0 6.0 88888.00 1.0\n";
+                    2025-01-01 00:01:00.000 001  5.0 6.0 7.0 88888.00\n2025-01-01 00:02:00.000 001  5.0 6.0 88888.00 \
+                    1.0\n";
         let found = record(["X", "Y", "Z", "F"], rows).unwrap();
         assert_eq!((found.step_s, found.start_tt_s, found.ned_nt.len()), (60.0, 86_280.0, 5));
         let known: Vec<bool> = found.ned_nt.iter().map(|v| v.iter().all(|x| x.is_finite())).collect();

@@ -320,15 +320,17 @@ mod tests {
     use super::*;
 
     /// Rows from the manual and from the documentation of other readers.
-    const ONE: &str = "Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
+    const ONE: &str = "\
+        Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
         GyroscopeZ,AccelerometerX, AccelerometerY, AccelerometerZ,ImuTemperature,Track,LocationSource,Hdop,FixQuality, \
-        SatellitesUsed, Altitude,HeightOverEllipsoid,SpeedOverGround,MagneticVariation,VariationDirection,ModeIndicator,\
-        GgaSentence,RmcSentence,EventCode,EventInfo,EventDataLength,EventData\n\
+        SatellitesUsed, Altitude,HeightOverEllipsoid,SpeedOverGround,MagneticVariation,VariationDirection,\
+        ModeIndicator,GgaSentence,RmcSentence,EventCode,EventInfo,EventDataLength,EventData\n\
         120232,2026/04/25,23:59:59.300,8.13484366,-2.59298368,32575.15635,1,24246,-11815,-20435,-51.052,3.699,27.426,\
         -0.01903,-0.05149,1.39587,35.805,106.9,I,,,,,,,,,,,,,,,,\n\
-        120932,2026/04/26,00:00:00.000,8.13484113,-2.59297533,32566.24340,0,24071,-4093,-24359,-8.798,1.837,-1.450,0.01505,\
-        0.14099,0.92321,35.785,106.7,G,0.980,1,12,301.40,24.10,2.578,0.000, ,,'$GNGGA,094000.00,0808.09039,N,00235.57826,W,\
-        1,12,0.98,301.4,M,24.1,M,,*57','$GNRMC,094000.00,A,0808.09039,N,00235.57826,W,2.578,106.69,250426,,,A,V*1B',,,,,\n";
+        120932,2026/04/26,00:00:00.000,8.13484113,-2.59297533,32566.24340,0,24071,-4093,-24359,-8.798,1.837,-1.450,\
+        0.01505,0.14099,0.92321,35.785,106.7,G,0.980,1,12,301.40,24.10,2.578,0.000, ,,\
+        '$GNGGA,094000.00,0808.09039,N,00235.57826,W,1,12,0.98,301.4,M,24.1,M,,*57',\
+        '$GNRMC,094000.00,A,0808.09039,N,00235.57826,W,2.578,106.69,250426,,,A,V*1B',,,,,\n";
 
     fn options() -> FlightOptions {
         FlightOptions { flight: Some("1".into()), line: Some("1".into()), ..FlightOptions::default() }
@@ -365,7 +367,8 @@ mod tests {
     fn unit_rows_that_cannot_be_read_are_faults() {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("a.csv");
-        let header = "Counter,Date,Time,Latitude,Longitude,Mag1Data, Mag1Valid, Mag1Deadzone, Mag2Data, Mag2Valid, Mag2Deadzone\n";
+        let header = "Counter,Date,Time,Latitude,Longitude,Mag1Data, Mag1Valid, Mag1Deadzone, Mag2Data, Mag2Valid, \
+                      Mag2Deadzone\n";
         let row = "1,2020/10/27,10:33:09.000,49.5,7.0,48590.4, 1, 0, 48589.1, 1, 0\n";
         let bad = [
             "1,2020/10/27,10:33",

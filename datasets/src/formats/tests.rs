@@ -340,7 +340,8 @@ fn gold_files_of_unknown_format() {
     let default = FlightOptions::default();
     let fault_text = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
     let path = written(&folder, "a.dat", "\0\u{1}\u{2}");
-    let known = "known here: parquet, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
+    let known = "known here: parquet, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, \
+                 iaga2002, imf, mfam, csv, points; choose one with `format`";
     assert_eq!(fault_text(&path, &default), format!("{}: is not in a known flight format ({known})", path.display()));
     let named = FlightOptions { format: Some("parqet".into()), ..default.clone() };
     let expected = format!("{}: there is no flight format `parqet` (did you mean `parquet`?)", path.display());
@@ -352,8 +353,9 @@ fn gold_files_of_unknown_format() {
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
-            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, magnav_mat, netcdf, surfer7, surfer6, \
-             surfer6_text, geosoft_grd, gxf, er_mapper, esri_ascii, magnav_csv, emag2_csv, xyz; choose one with `format`)"
+            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, magnav_mat, netcdf, surfer7, \
+             surfer6, surfer6_text, geosoft_grd, gxf, er_mapper, esri_ascii, magnav_csv, emag2_csv, xyz; choose one \
+             with `format`)"
         ),
         "{map}"
     );

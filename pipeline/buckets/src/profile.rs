@@ -124,8 +124,10 @@ mod tests {
 
     #[test]
     fn unit_profiles_are_parsed_like_the_aws_command_line() {
-        let config = "[default]\nregion = eu-central-1\n\n[profile lab]\nregion=us-west-2\ns3 =\n  max_concurrent_requests = 5\nendpoint_url = http://x:1\n[profile sso]\nsso_session = a\n";
-        let credentials = "# a remark\n[lab]\naws_access_key_id = ID\naws_secret_access_key = a=b/c\n[other]\naws_access_key_id = NO\n";
+        let config = "[default]\nregion = eu-central-1\n\n[profile lab]\nregion=us-west-2\n\
+                      s3 =\n  max_concurrent_requests = 5\nendpoint_url = http://x:1\n[profile sso]\nsso_session = a\n";
+        let credentials = "# a remark\n[lab]\naws_access_key_id = ID\naws_secret_access_key = a=b/c\n[other]\n\
+                           aws_access_key_id = NO\n";
         let texts = [config.to_owned(), credentials.to_owned()];
         let lab = AwsProfile::from_texts(&texts, "lab").unwrap();
         assert_eq!(lab.access_key_id.as_deref(), Some("ID"));

@@ -107,7 +107,10 @@ impl Canvas {
                 text.tick x=(px(left - 6.0)) y=(px(y + 4.0)) text-anchor="end" { (tick.label) }
             }
             text.name x=(px(left + 0.5 * self.width)) y=(px(bottom + 32.0)) text-anchor="middle" { "longitude, °" }
-            text.name transform=(format!("translate({} {}) rotate(-90)", px(left - LEFT + 11.0), px(middle))) text-anchor="middle" { "latitude, °" }
+            text.name transform=(format!("translate({} {}) rotate(-90)", px(left - LEFT + 11.0), px(middle)))
+                text-anchor="middle" {
+                "latitude, °"
+            }
         }
     }
 
@@ -116,7 +119,10 @@ impl Canvas {
         let (metres, long) = self.scale();
         let bar = self.corner(spots, (long + 10.0, 25.0), None);
         let north = self.corner(spots, (24.0, 34.0), Some(bar));
-        html! { (scale_bar(metres, long, self.place(bar, (long + 10.0, 25.0)))) (north_arrow(self.place(north, (24.0, 34.0)))) }
+        html! {
+            (scale_bar(metres, long, self.place(bar, (long + 10.0, 25.0))))
+            (north_arrow(self.place(north, (24.0, 34.0))))
+        }
     }
 
     /// Round length, in metres and px.

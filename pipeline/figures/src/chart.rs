@@ -126,9 +126,9 @@ impl LineChart {
     /// Plot as a part of a figure, with its title, legend and caption; `None` without data.
     pub fn part(&self) -> Option<Markup> {
         let (x, y) = self.sides()?;
-        Some(
-            html! { div { h5 { (self.title) } (self.legend()) (self.picture(&x, &y, None)) p.caption { (self.caption) } } },
-        )
+        Some(html! {
+            div { h5 { (self.title) } (self.legend()) (self.picture(&x, &y, None)) p.caption { (self.caption) } }
+        })
     }
 
     /// Plot as a separate file with its style sheet; `None` without data.
@@ -157,10 +157,13 @@ impl LineChart {
         // The script of the page zooms with these figures.
         let data = |axis: &PixelAxis| format!("{} {} {}", axis.low, axis.high, u8::from(axis.log));
         html! {
-            svg.plot data-x=(data(x)) data-y=(data(y)) data-x-name=(self.x.label) data-y-name=(self.y.label) xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {} {}", self.width(), self.height)) role="img" aria-label=(label) {
+            svg.plot data-x=(data(x)) data-y=(data(y)) data-x-name=(self.x.label) data-y-name=(self.y.label)
+                xmlns=[style.map(|_| "http://www.w3.org/2000/svg")]
+                viewBox=(format!("0 0 {} {}", self.width(), self.height)) role="img" aria-label=(label) {
                 @if let Some(style) = style { style { (style) } }
                 (self.grid(x, y))
-                svg x=(left) y=(TOP) width=(wide) height=(high) viewBox=(format!("{left} {TOP} {wide} {high}")) preserveAspectRatio="none" {
+                svg x=(left) y=(TOP) width=(wide) height=(high) viewBox=(format!("{left} {TOP} {wide} {high}"))
+                    preserveAspectRatio="none" {
                     (self.inside(x, y))
                 }
                 rect class="frame" x=(left) y=(TOP) width=(wide) height=(high) {}
@@ -203,9 +206,13 @@ impl LineChart {
     fn legend(&self) -> Markup {
         html! {
             p.legend {
-                @for line in &self.lines { @if !line.name.is_empty() { span { i class=(format!("key {}", line.class)) {} (line.name) } } }
+                @for line in &self.lines {
+                    @if !line.name.is_empty() { span { i class=(format!("key {}", line.class)) {} (line.name) } }
+                }
                 @for band in &self.bands { span { i class="key area" {} (band.name) } }
-                @for (name, _) in self.levels.iter().filter(|l| !l.0.is_empty()) { span { i class="key level" {} (name) } }
+                @for (name, _) in self.levels.iter().filter(|l| !l.0.is_empty()) {
+                    span { i class="key level" {} (name) }
+                }
                 @if let Some((name, ..)) = &self.stretch { span { i class="key stretch" {} (name) } }
             }
         }
@@ -226,7 +233,9 @@ impl LineChart {
                 text.tick x=(left - 7.0) y=(px(at + 4.0)) text-anchor="end" { (tick.label) }
             }
             text.name x=(px(0.5 * (left + right))) y=(self.height - 5.0) text-anchor="middle" { (self.x.label) }
-            text.name transform=(format!("translate(13 {}) rotate(-90)", px(middle))) text-anchor="middle" { (self.y.label) }
+            text.name transform=(format!("translate(13 {}) rotate(-90)", px(middle))) text-anchor="middle" {
+                (self.y.label)
+            }
         } }
     }
 
@@ -234,7 +243,8 @@ impl LineChart {
         let left = x.from_px;
         html! {
             @if let Some((_, from, to)) = &self.stretch {
-                rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP) height=(self.height - TOP - BOTTOM) {}
+                rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP)
+                    height=(self.height - TOP - BOTTOM) {}
             }
             @for band in &self.bands { path.area d=(area(band, x, y)) {} }
             @if !y.log && y.low < 0.0 && y.high > 0.0 {
@@ -244,7 +254,8 @@ impl LineChart {
                 line.level x1=(left) x2=(self.width() - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
             }
             @for line in &self.lines {
-                path class=(format!("line {}", line.class)) data-name=(line.name) d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}
+                path class=(format!("line {}", line.class)) data-name=(line.name)
+                    d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}
             }
         }
     }

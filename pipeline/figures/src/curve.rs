@@ -16,10 +16,12 @@ pub struct CurveLabels<'a> {
     pub marked: &'a str,
 }
 
-const STYLE: &str = "svg{background:#fff;font:12px 'Helvetica Neue',Helvetica,Arial,'Noto Sans','DejaVu Sans',sans-serif}\
+const STYLE: &str = "\
+svg{background:#fff;font:12px 'Helvetica Neue',Helvetica,Arial,'Noto Sans','DejaVu Sans',sans-serif}\
 text{fill:#1a1a1a}.name{font-size:13px}.grid{stroke:#e3e6ea}.frame{fill:none;stroke:#1a1a1a}\
 .line{fill:none;stroke:#0072b2;stroke-width:2;stroke-linejoin:round}\
-circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}text.mark{font-size:13px;paint-order:stroke;stroke:#fff;stroke-width:4px}";
+circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}\
+text.mark{font-size:13px;paint-order:stroke;stroke:#fff;stroke-width:4px}";
 
 /// Curve through `points`, both axes logarithmic, with the point of index `marked` ringed and labelled, as an SVG file.
 /// Points that are not finite and positive interrupt the curve; `None` without valid points.

@@ -1,7 +1,5 @@
 //! Colour scales, perceptually uniform.
 
-use schemas::Fault;
-
 /// Viridis (S. van der Walt and N. Smith, CC0) at every tenth.
 const VIRIDIS: [[u8; 3]; 11] = [
     [0x44, 0x01, 0x54],
@@ -65,22 +63,6 @@ pub enum Palette {
 }
 
 impl Palette {
-    /// The names accepted by [`Palette::named`].
-    pub const NAMES: [&str; 3] = ["viridis", "turbo", "diverging"];
-
-    /// Palette of a name.
-    ///
-    /// # Errors
-    /// Fails for an unknown name.
-    pub fn named(name: &str) -> Result<Palette, Fault> {
-        match name {
-            "viridis" => Ok(Palette::Viridis),
-            "turbo" => Ok(Palette::Turbo),
-            "diverging" => Ok(Palette::Diverging),
-            _ => Err(Fault::new(format!("there is no palette `{name}`")).nearest(name, &Self::NAMES)),
-        }
-    }
-
     /// Colour at the fraction `part` of the scale, 0 to 1, as red, green and blue.
     pub fn colour(self, part: f64) -> [u8; 3] {
         match self {
@@ -152,12 +134,5 @@ mod tests {
     fn unit_the_diverging_scale_darkens_away_from_its_middle() {
         let light = along(Palette::Diverging);
         assert!(light[..51].windows(2).all(|w| w[1] > w[0]) && light[50..].windows(2).all(|w| w[1] < w[0]));
-    }
-
-    #[test]
-    fn unit_only_listed_palette_names_are_accepted() {
-        assert!(Palette::NAMES.iter().all(|n| Palette::named(n).is_ok()));
-        let fault = Palette::named("virdis").unwrap_err();
-        assert!(fault.help.is_some_and(|h| h.contains("viridis")));
     }
 }

@@ -19,7 +19,8 @@ pub fn document(scene: &FigureScene) -> Result<String, Fault> {
     let (width, height) = (px(scene.width), px(scene.height));
     let svg = html! {
         svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(height) viewBox=(format!("0 0 {width} {height}"))
-            font-family="'Helvetica Neue', Helvetica, Arial, 'Noto Sans', 'DejaVu Sans', sans-serif" fill=(hex(BLACK.rgb)) {
+            font-family="'Helvetica Neue', Helvetica, Arial, 'Noto Sans', 'DejaVu Sans', sans-serif"
+            fill=(hex(BLACK.rgb)) {
             title { (clean(&scene.name)) }
             @if scene.paper { rect width=(width) height=(height) fill="#fff" {} }
             @for mark in marks? { "\n" (mark) }
@@ -44,12 +45,14 @@ fn element(mark: &SceneMark, index: usize) -> Result<Markup, Fault> {
         }
         SceneMark::Stroke { lines, width, ink, within } => stroke(lines, *width, *ink, within.as_ref(), index),
         SceneMark::Disc { at, radius, fill, rim } => html! {
-            circle cx=(px(at.0)) cy=(px(at.1)) r=(px(*radius)) fill=(hex(fill.rgb)) stroke=(hex(rim.rgb)) stroke-width="1.5" {}
+            circle cx=(px(at.0)) cy=(px(at.1)) r=(px(*radius)) fill=(hex(fill.rgb)) stroke=(hex(rim.rgb))
+                stroke-width="1.5" {}
         },
         SceneMark::Picture { rect, size, pixels } => {
             let png = encode(&PixelFormat::Rgba, *size, pixels)?;
             html! {
-                image x=(px(rect.x)) y=(px(rect.y)) width=(px(rect.w)) height=(px(rect.h)) preserveAspectRatio="none" href=(data_url(&png)) {}
+                image x=(px(rect.x)) y=(px(rect.y)) width=(px(rect.w)) height=(px(rect.h)) preserveAspectRatio="none"
+                    href=(data_url(&png)) {}
             }
         }
         SceneMark::Fade { rect, colours, upward } => fade(rect, colours, *upward, index),
@@ -62,10 +65,13 @@ fn stroke(lines: &[Vec<PaperPoint>], width: f64, ink: Ink, within: Option<&Rect>
     let clip = within.map(|_| format!("url(#clip{index})"));
     html! {
         @if let Some(rect) = within {
-            clipPath id=(format!("clip{index}")) { rect x=(px(rect.x)) y=(px(rect.y)) width=(px(rect.w)) height=(px(rect.h)) {} }
+            clipPath id=(format!("clip{index}")) {
+                rect x=(px(rect.x)) y=(px(rect.y)) width=(px(rect.w)) height=(px(rect.h)) {}
+            }
         }
         path d=(d) fill="none" stroke=(hex(ink.rgb)) stroke-opacity=[opacity(ink)] stroke-width=(px(width))
-            stroke-linejoin="round" stroke-linecap=(if within.is_some() { "round" } else { "square" }) clip-path=[clip] {}
+            stroke-linejoin="round" stroke-linecap=(if within.is_some() { "round" } else { "square" })
+            clip-path=[clip] {}
     }
 }
 

@@ -183,7 +183,8 @@ fn cube(side: usize) -> String {
     let mut text = format!("[axes]\n{}{}{}", axis("a", 0.1), axis("b", 0.1), axis("c", 1.0));
     let band = |name: &str, input: &str, column: &str, low: &str, high: &str| {
         format!(
-            "[[stages]]\nname = '{name}'\nstage = 'bandpass'\ninput = '{input}'\ncolumns = ['{column}']\nlow_hz = {low}\nhigh_hz = {high}\n"
+            "[[stages]]\nname = '{name}'\nstage = 'bandpass'\ninput = '{input}'\ncolumns = ['{column}']\n\
+             low_hz = {low}\nhigh_hz = {high}\n"
         )
     };
     text.push_str(&band("one", "flights", "mag_4_uc", "'$a'", "1.5"));
@@ -191,7 +192,8 @@ fn cube(side: usize) -> String {
     text.push_str(&band("three", "two", "mag_4_uc_bp_bp", "0.1", "'$c'"));
     text.push_str(&band("four", "three", "mag_4_uc_bp_bp_bp", "0.1", "1.5"));
     text.push_str(
-        "[[stages]]\nname = 'scores'\nstage = 'score'\ninput = 'four'\ntruth = 'mag_1_c'\nmag = 'mag_4_uc_bp_bp_bp_bp'\n",
+        "[[stages]]\nname = 'scores'\nstage = 'score'\ninput = 'four'\ntruth = 'mag_1_c'\n\
+         mag = 'mag_4_uc_bp_bp_bp_bp'\n",
     );
     text
 }

@@ -12,7 +12,8 @@ run = magline.run("datasets/examples/tolles_lawson.toml", store=sys.argv[1])
 print(run.scores["scores"])
 clean = run.table("clean").polars()
 
-line = run.sql("select tt, flux_a_x, flux_a_y, flux_a_z, mag_1_uc from tolles_lawson.clean where lambda = 0.025 order by tt")
+line = run.sql("select tt, flux_a_x, flux_a_y, flux_a_z, mag_1_uc from tolles_lawson.clean "
+               "where lambda = 0.025 order by tt")
 frame = line.polars()
 flux = frame.select("flux_a_x", "flux_a_y", "flux_a_z").to_numpy()
 a = tolles_lawson.a_matrix(flux, 10.0, tt=frame["tt"])

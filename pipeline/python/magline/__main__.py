@@ -30,7 +30,8 @@ def main() -> None:
     files = list(dict.fromkeys([*inherited, *given]))
     for file in files:
         if os.pathsep in file:
-            print(f"error: the path given to --parts contains {os.pathsep!r}: {file!r} (move the file)", file=sys.stderr)
+            print(f"error: the path given to --parts contains {os.pathsep!r}: {file!r} (move the file)",
+                  file=sys.stderr)
             sys.exit(2)
         try:
             load_parts(file)

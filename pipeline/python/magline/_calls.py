@@ -164,7 +164,8 @@ def _numbers_terms(numbers: Mapping[str, Any]) -> list[tuple[str, float]]:
     for i, (name, value) in enumerate(numbers.items(), 1):
         values = np.atleast_1d(_numbers(value))
         if not name.isidentifier() or name.startswith("epoch_") or values.ndim != 1:
-            raise ValueError(f"`{name}` from get_numbers() must be a number or a vector, and its name must be an identifier")
+            raise ValueError(f"`{name}` from get_numbers() must be a number or a vector, and its name must be an "
+                             "identifier")
         terms.append((f"numbers[{i}] {name}", float(len(values))))
         terms += [(f"state.{name}[{k}]", float(one)) for k, one in enumerate(values, 1)]
     return terms

@@ -94,8 +94,8 @@ def _reject_captured(function: FunctionType) -> None:
             continue
         if not isinstance(value, ModuleType):
             raise ValueError(
-                f"`{function.__qualname__}` uses the variable `{name}` of an enclosing function, but its source does not "
-                "contain the value of `{name}`; make it a parameter, or define it in the module"
+                f"`{function.__qualname__}` uses the variable `{name}` of an enclosing function, but its source does "
+                f"not contain the value of `{name}`; make it a parameter, or define it in the module"
             )
 
 

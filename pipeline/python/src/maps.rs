@@ -17,7 +17,8 @@ use crate::faults::{exception, value_error};
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Column<'py> = Bound<'py, PyArray1<f64>>;
-/// Eastings, northings, anomaly, heights, EPSG code, unit of the coordinates, error of each node, and spacings of a map.
+/// Eastings, northings, anomaly, heights, EPSG code, unit of the coordinates, error of each node, and spacings of a
+/// map.
 type MapParts<'py> =
     (Column<'py>, Column<'py>, Matrix<'py>, Matrix<'py>, u16, &'static str, Option<Matrix<'py>>, [f64; 2]);
 

@@ -416,7 +416,7 @@ def test_names_of_other_parts_are_refused(parts: Any) -> None:
 
 def test_sources_that_do_not_hold_the_whole_part_are_refused() -> None:
     factor = 2.0
-    with pytest.raises(ValueError, match="`factor` of an enclosing function"):
+    with pytest.raises(ValueError, match="`factor` of an enclosing function, .* the value of `factor`;"):
 
         @magline.stage(reads=["tt"], makes={"x": "1"}, version=1)
         def captured(line: magline.Line) -> np.ndarray:

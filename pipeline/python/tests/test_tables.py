@@ -30,7 +30,8 @@ def test_a_table_is_the_table_of_the_command(run: magline.Run, name: str) -> Non
     # A column without values has no type in CSV.
     for column in expected.dropna(axis="columns", how="all").select_dtypes("number"):
         for found in (pandas[column], polars[column].to_pandas()):
-            pd.testing.assert_series_equal(found.astype(float), expected[column].astype(float), check_names=False, rtol=0)
+            pd.testing.assert_series_equal(found.astype(float), expected[column].astype(float), check_names=False,
+                                           rtol=0)
 
 
 def test_a_table_of_lines_has_keys_and_columns_that_pass_through(run: magline.Run) -> None:

@@ -114,7 +114,10 @@ fn graph(snapshot: &Snapshot, table: &SnapshotTable) -> Value {
     };
     let tables: Vec<_> = snapshot.tables.iter().filter(|t| names.contains(&t.name.as_str())).map(listed).collect();
     let sources: Vec<_> = snapshot.sources.iter().filter(|s| names.contains(&s.name.as_str())).collect();
-    json!({ "pipeline": snapshot.pipeline, "spec": snapshot.spec, "seed": snapshot.seed, "table": table.name, "tables": tables, "sources": sources })
+    json!({
+        "pipeline": snapshot.pipeline, "spec": snapshot.spec, "seed": snapshot.seed, "table": table.name,
+        "tables": tables, "sources": sources,
+    })
 }
 
 /// One run event of the OpenLineage specification 2-0-2, with schema and column-lineage facets.

@@ -115,7 +115,9 @@ impl LineageRun {
 
     /// An event of the run of a table.
     pub fn of_table(&self, table: &TableLineage, state: LineageEventType, error: Option<&str>) -> Value {
-        let this = json!({ "run": { "runId": self.id.to_string() }, "job": { "namespace": self.namespace, "name": self.pipeline } });
+        let this = json!({
+            "run": { "runId": self.id.to_string() }, "job": { "namespace": self.namespace, "name": self.pipeline },
+        });
         let mut of = this.clone();
         of["root"] = self.parent.as_ref().map_or(this, ParentRun::json);
         let mut facets = run_facets(error);

@@ -340,7 +340,8 @@ fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
         n => format!(", and at {n} more combinations of the other axes"),
     };
     Some(format!(
-        "`{}`: {without_value} has no effect{place}{more}; the {points} points that differ only in {without_value} are computed once",
+        "`{}`: {without_value} has no effect{place}{more}; the {points} points that differ only in {without_value} are \
+         computed once",
         node.name
     ))
 }

@@ -110,7 +110,8 @@ fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warn
     Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
 }
 
-/// The warnings of the scores `row` of one line of a navigation with these settings. They have no stage, point and line.
+/// The warnings of the scores `row` of one line of a navigation with these settings. They have no stage, point and
+/// line.
 pub fn of_navigation(row: &LineMetrics, settings: NavigationSettings) -> Vec<Warning> {
     let facts = LineFacts { row, settings: Some(settings) };
     judge(&facts).into_iter().map(|found| found.in_place((String::new(), SweepPoint::new(), None))).collect()
@@ -200,8 +201,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some((lag_s, sigma_s)) = facts.lag_s() {
         let (by_s, what) = (lag_s.abs(), if lag_s > 0.0 { "late" } else { "early" });
         let text = format!(
-            "the time stamps of the magnetometer are {by_s:.2} s {what} (standard deviation {sigma_s:.2} s); the filter \
-             corrects its own measurements; other stages use the time stamps as they are"
+            "the time stamps of the magnetometer are {by_s:.2} s {what} (standard deviation {sigma_s:.2} s); the \
+             filter corrects its own measurements; other stages use the time stamps as they are"
         );
         add(WarningKind::Late, (by_s, limits::lag_s(sigma_s), "s"), text);
     }

@@ -94,8 +94,8 @@ impl TaskEngine for BallistaEngine {
     }
 }
 
-/// Waits until a scheduler of this version answers, at most for `patience`, and returns its client. Calls `waits` once if no scheduler answers
-/// at first.
+/// Waits until a scheduler of this version answers, at most for `patience`, and returns its client. Calls `waits` once
+/// if no scheduler answers at first.
 ///
 /// # Errors
 /// Fails if the scheduler has another version or another key, or does not answer.

@@ -205,8 +205,8 @@ fn builtin(best: MappingFit, parsed: impl Fn(&str) -> Result<Arc<Mapping>, Fault
     if best.lacks_start {
         let changed = best.mapping.with_epoch("{ unknown = true }")?;
         let head = format!(
-            "# The built-in mapping {}, without its start time: the log has no GNSS fix. `tt` counts from the start of the \
-             log.\n# If you know the start: epoch = {{ utc = \"2012-10-10T18:20:00Z\" }}\n",
+            "# The built-in mapping {}, without its start time: the log has no GNSS fix. `tt` counts from the start of \
+             the log.\n# If you know the start: epoch = {{ utc = \"2012-10-10T18:20:00Z\" }}\n",
             best.name
         );
         let text = head + changed.text();

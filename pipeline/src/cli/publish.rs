@@ -73,7 +73,10 @@ pub fn run(catalogue: &[StageEntry], args: &PublishArgs) -> Result<(), ExitReaso
 
 fn as_json(done: &ReleaseSummary, to: &str) -> String {
     let rule = |name: &String| done.rules.iter().find(|(table, _)| table == name).map(|(_, rule)| rule);
-    let one = |(name, rows, files): &(String, u64, usize)| json!({ "table": name, "rows": rows, "files": files, "rule": rule(name) });
+    let one = |(name, rows, files): &(String, u64, usize)| {
+        let rule = rule(name);
+        json!({ "table": name, "rows": rows, "files": files, "rule": rule })
+    };
     let tables: Vec<_> = done.tables.iter().map(one).collect();
     let text = json!({
         "to": to, "written": done.written, "files": done.files, "run": done.run, "tables": tables,
@@ -85,7 +88,7 @@ fn as_json(done: &ReleaseSummary, to: &str) -> String {
 fn as_text(done: &ReleaseSummary, to: &str) -> String {
     let mut text = String::new();
     for (name, rows, files) in &done.tables {
-        let (rows, files) = (counted(usize::try_from(*rows).unwrap_or(usize::MAX), "row"), counted(*files, "file"));
+        let (rows, files) = (counted(*rows, "row"), counted(*files, "file"));
         text += &format!("{name}: {rows} in {files}");
         let rule = done.rules.iter().find(|(table, _)| table == name);
         text += &rule.map(|(_, rule)| format!("; {rule}")).unwrap_or_default();
@@ -115,11 +118,7 @@ fn as_text(done: &ReleaseSummary, to: &str) -> String {
 /// Checks a published data set.
 pub fn verify(folder: &Path) -> Result<(), ExitReason> {
     let found = release::verify(folder)?;
-    let read = format!(
-        "{}, {}",
-        counted(found.files, "file"),
-        counted(usize::try_from(found.rows).unwrap_or(usize::MAX), "row")
-    );
+    let read = format!("{}, {}", counted(found.files, "file"), counted(found.rows, "row"));
     if found.faults.is_empty() {
         return say(format!("{read}: all verified\n"));
     }

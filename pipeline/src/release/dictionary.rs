@@ -23,7 +23,7 @@ fn section(table: &ReleaseTable) -> String {
     let mut text = format!("\n## {}\n\n", table.name);
     // Writing into a String cannot fail.
     let made = table.stage.as_ref().map(|s| format!(" made by the stage `{s}`")).unwrap_or_default();
-    let files = counted(table.files.len() as u64, "file");
+    let files = counted(table.files.len(), "file");
     let _ = writeln!(text, "A table of kind \"{}\"{made}: {} in {files}.", table.kind, counted(table.rows, "row"));
     if !table.description.is_empty() {
         let _ = writeln!(text, "\n{}", table.description.trim());

@@ -7,17 +7,17 @@ use std::{
 
 use schemas::Fault;
 
-use super::{checksums, set::FORMAT, words::DICTIONARY};
+use super::{
+    checksums,
+    set::FORMAT,
+    words::{DICTIONARY, cannot},
+};
 
 /// Folder in progress, which is removed unless it gets its final name.
 pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
     replace: bool,
-}
-
-fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
-    Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
 /// Content of the destination folder of a set.

@@ -1,7 +1,7 @@
 //! Files that a run has read: named, hashed, and copied into the set on request.
 
 use std::{
-    fs, io,
+    fs,
     path::{Component, Path, PathBuf},
 };
 
@@ -12,7 +12,7 @@ use plan::{
 };
 use schemas::{Fault, keys::HashKey};
 
-use super::{checksums, set::ReleaseInput};
+use super::{checksums, set::ReleaseInput, words::cannot};
 
 /// Folder of the spec in a set.
 pub const FOLDER: &str = "pipeline";
@@ -31,10 +31,6 @@ pub struct ReleaseInputs {
     pub spec: String,
     /// Files that were read.
     pub files: Vec<ReleaseInput>,
-}
-
-fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
-    Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
 /// Parts of a path from the spec's folder, with `..` only at the front.

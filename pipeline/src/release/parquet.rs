@@ -21,17 +21,16 @@ use parquet::{
 };
 use schemas::{Fault, paths};
 
-use super::set::{ColumnKind, ColumnValueStatistics, ReleaseColumn};
+use super::{
+    set::{ColumnKind, ColumnValueStatistics, ReleaseColumn},
+    words::cannot,
+};
 
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
 
 /// Writer name in Parquet files, without a version, so that files differ only in their rows.
 const WRITER: &str = "magline";
-
-fn cannot(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
-    Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
-}
 
 /// File in progress.
 pub struct ReleaseFileWriter<'a> {

@@ -106,11 +106,8 @@ fn datasheet(set: &ReleaseSet) -> String {
     let mut composition = String::new();
     for t in &set.dictionary.tables {
         let missing: u64 = t.columns.iter().map(|c| c.values.missing).sum();
-        let lines = if t.partitions.is_empty() {
-            String::new()
-        } else {
-            format!("{} of ", counted(t.files.len() as u64, "line"))
-        };
+        let lines =
+            if t.partitions.is_empty() { String::new() } else { format!("{} of ", counted(t.files.len(), "line")) };
         let sweep = if t.axes.is_empty() { String::new() } else { format!(", over {}", t.axes.join(" x ")) };
         let _ = writeln!(
             composition,
@@ -127,7 +124,7 @@ fn datasheet(set: &ReleaseSet) -> String {
         let sweep = if s.axes.is_empty() {
             String::new()
         } else {
-            format!(", {} over {}", counted(s.points as u64, "point"), s.axes.join(" x "))
+            format!(", {} over {}", counted(s.points, "point"), s.axes.join(" x "))
         };
         let _ = writeln!(
             steps,
@@ -181,7 +178,8 @@ fn again(set: &ReleaseSet) -> String {
     let _ = writeln!(
         text,
         "\nWith these inputs, the following commands give the same bytes:\n\n```sh\nmagline run '{0}' --set \
-         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{restricted_flag}\n```",
+         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set \
+         store=/tmp/store{sets}{restricted_flag}\n```",
         lock.spec,
         tables.join(" ")
     );

@@ -60,7 +60,7 @@ pub fn write(set: &ReleaseSet) -> Value {
             id.clone(),
             json!({
                 "@id": id, "@type": "Dataset", "name": table.name, "hasPart": refer(&files),
-                "description": if table.description.is_empty() { table.kind.clone() } else { table.description.clone() },
+                "description": if table.description.is_empty() { &table.kind } else { &table.description },
             }),
         );
         part(
@@ -96,13 +96,20 @@ pub fn write(set: &ReleaseSet) -> Value {
     }
     graph.extend(provenance(set));
     graph.extend(people(&about.authors, &authors));
-    graph.push(json!({ "@id": about.licence.url, "@type": "CreativeWork", "name": about.licence.title, "identifier": about.licence.name }));
-    graph.push(json!({ "@id": "#contact", "@type": "ContactPoint", "contactType": "questions about the data set", contact_key(&about.contact): about.contact }));
+    let licence = &about.licence;
+    graph.push(
+        json!({ "@id": licence.url, "@type": "CreativeWork", "name": licence.title, "identifier": licence.name }),
+    );
+    graph.push(json!({
+        "@id": "#contact", "@type": "ContactPoint", "contactType": "questions about the data set",
+        contact_key(&about.contact): about.contact,
+    }));
+    let stages: Vec<String> = set.lock.stages.iter().map(action_id).collect();
     let mut root = json!({
         "@id": "./", "@type": "Dataset", "name": about.title, "description": about.description,
-        "datePublished": about.date, "version": about.version, "license": { "@id": about.licence.url },
-        "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)), "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
-        "mentions": refer(&set.lock.stages.iter().map(action_id).collect::<Vec<_>>()),
+        "datePublished": about.date, "version": about.version, "license": { "@id": licence.url },
+        "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)),
+        "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts), "mentions": refer(&stages),
     });
     if !about.keywords.is_empty() {
         root["keywords"] = json!(about.keywords.join(", "));
@@ -176,7 +183,10 @@ fn people(authors: &[Person], ids: &[String]) -> Vec<Value> {
         }
         found.push(out);
     }
-    let institute = |(i, name): (usize, &&String)| json!({ "@id": format!("#institute-{}", i + 1), "@type": "Organization", "name": name });
+    let institute = |(i, name): (usize, &&String)| {
+        let id = format!("#institute-{}", i + 1);
+        json!({ "@id": id, "@type": "Organization", "name": name })
+    };
     found.extend(institutes.iter().enumerate().map(institute));
     found
 }
@@ -256,7 +266,8 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
             stage.parameters.iter().map(|(key, values)| format!("{key} = {}", values.join(" | "))).collect();
         let rows = stage.predicate.as_ref().map(|p| format!(" where {p}")).unwrap_or_default();
         found.push(json!({
-            "@id": action_id(stage), "@type": "CreateAction", "name": format!("{} by {}{rows}", stage.table, stage.stage),
+            "@id": action_id(stage), "@type": "CreateAction",
+            "name": format!("{} by {}{rows}", stage.table, stage.stage),
             "description": parameters.join("; "), "identifier": stage.key,
             "instrument": { "@id": program_id(stage) },
             "object": refer(&stage.inputs.iter().flat_map(object).collect::<Vec<_>>()),
@@ -265,8 +276,9 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
         }));
     }
     if !set.dictionary.restricted.is_empty() {
-        let chains: Vec<String> = set.dictionary.restricted.iter().map(protect::chain).collect();
-        found.push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": chains.join("; ") }));
+        let text = set.dictionary.restricted.iter().map(protect::chain).collect::<Vec<_>>().join("; ");
+        found
+            .push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": text }));
     }
     debug_assert!(lock.spec.starts_with(inputs::FOLDER));
     found

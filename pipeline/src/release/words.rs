@@ -1,5 +1,9 @@
 //! Names of documents, and phrases that several of them share.
 
+use std::{fmt::Display, path::Path};
+
+use schemas::Fault;
+
 /// File with the tables and facts.
 pub const DICTIONARY: &str = "dictionary.json";
 /// File with the provenance of the set.
@@ -19,6 +23,11 @@ pub fn cell(text: &str) -> String {
 }
 
 /// Count with its noun.
-pub fn counted(n: u64, thing: &str) -> String {
-    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+pub fn counted<N: Display + PartialEq + From<u8>>(n: N, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == N::from(1) { "" } else { "s" })
+}
+
+/// Fault of the file system at `path`.
+pub fn cannot(doing: &str, path: &Path, e: &dyn Display) -> Fault {
+    Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }

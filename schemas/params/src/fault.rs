@@ -298,7 +298,8 @@ mod tests {
         let shown = render(&fault, "cabin.toml", text);
         assert_eq!(
             shown,
-            "error: `fit` has no parameter `lamda`\n --> cabin.toml:2:1\n2 | lamda = 0.025\n  | ^^^^^ did you mean `lambda`?"
+            "error: `fit` has no parameter `lamda`\n --> cabin.toml:2:1\n\
+             2 | lamda = 0.025\n  | ^^^^^ did you mean `lambda`?"
         );
     }
 

@@ -301,7 +301,8 @@ macro_rules! params {
                 $(
                     let $p: Option<$pt> = {
                         let left_out = || {
-                            $crate::first([$(Some(<$pt>::from($def)),)? <$pt as $crate::ParamValue>::absent()]).flatten()
+                            let defaults = [$(Some(<$pt>::from($def)),)? <$pt as $crate::ParamValue>::absent()];
+                            $crate::first(defaults).flatten()
                         };
                         let absent = base.map(|base| base.$p.clone()).or_else(left_out);
                         let rule = $crate::first([$($rule,)? $crate::Rule::Any]).unwrap_or($crate::Rule::Any);

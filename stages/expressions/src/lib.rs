@@ -54,8 +54,8 @@ pub fn schema_of(shape: &TableShape) -> Schema {
 /// Columns, and their schema.
 type KnownSchema = (ColumnList, Arc<DFSchema>);
 
-/// The schema of a table's columns, which is reused for the next expression: the points of a sweep have expressions over
-/// the same columns.
+/// The schema of a table's columns, which is reused for the next expression: the points of a sweep have expressions
+/// over the same columns.
 fn known_schema(shape: &TableShape) -> Result<Arc<DFSchema>, DataFusionError> {
     static LAST: Mutex<Option<KnownSchema>> = Mutex::new(None);
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);

@@ -54,7 +54,8 @@ def bench(dtype):
     y = 0.5 * x[:, 0] * x[:, 1] + torch.sin(1.5 * x[:, 2]) + 0.2 * x[:, 3]
     u = torch.nn.functional.normalize(a[:, :3], dim=1)
     vectors = torch.cat([u, torch.full((ROWS, 1), 100.0 / 50_000), u, 0.01 * a[:, 3:6]], 1)
-    forms = [("m1", [8]), ("m2c", [8]), ("m2a", [8]), ("m3s", [8]), ("m3v", [8]), ("m1", [16, 8]), ("m1", [64, 32]), ("m1", [16, 16, 16])]
+    forms = [("m1", [8]), ("m2c", [8]), ("m2a", [8]), ("m3s", [8]), ("m3v", [8]), ("m1", [16, 8]), ("m1", [64, 32]),
+             ("m1", [16, 16, 16])]
     for form, hidden in forms:
         terms = vectors if form in ("m3s", "m3v") else a
         for threads in (1, 2):

@@ -4,8 +4,8 @@
     python search_reference.py points > sobol.csv
     python search_reference.py regret > regret.csv
 
-The regret of a search is its best value after 50 trials minus the minimum of the function. regret.csv holds its mean and
-standard error over seeds 0 to 99, run one trial at a time with the default settings of the sampler.
+The regret of a search is its best value after 50 trials minus the minimum of the function. regret.csv holds its mean
+and standard error over seeds 0 to 99, run one trial at a time with the default settings of the sampler.
 """
 
 import math

@@ -53,7 +53,6 @@ mod activation;
 mod attention;
 mod convolution;
 mod curriculum;
-mod ensemble;
 mod error;
 mod gathering;
 mod kernels;
@@ -73,7 +72,6 @@ mod windowed;
 
 pub use activation::ActivationFunction;
 pub use curriculum::CURRICULUM_EPOCHS;
-pub use ensemble::EnsemblePrediction;
 pub use error::TrainingError;
 pub use lbfgs::LbfgsState;
 pub use loss::NetworkLoss;
@@ -81,7 +79,7 @@ pub use onnx::{NetworkScales, OnnxError};
 pub use shape::{NetworkForm, NetworkShape};
 pub use state::{TrainingState, TrainingStateError};
 pub use terms::TermScaling;
-pub use together::{EpochCallback, TrainingJob, train, train_together, train_windowed};
+pub use together::{EpochCallback, TrainingJob, train, train_together};
 pub use training::{
     LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, SparseGroupLasso, TrainingEpoch,
     TrainingResult,
@@ -91,6 +89,10 @@ pub use windowed::{MemoryLayers, SampleRuns, WindowedNetworkShape};
 
 #[cfg(test)]
 mod onnx_tests;
+#[cfg(test)]
+mod shape_tests;
+#[cfg(test)]
+mod state_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -2,11 +2,12 @@
 
     cargo build && python3 stages/numerics/benches/combinations.py [--folder DIR] [--all] [--no-sklearn]
 
-Simulates 12 flights of an hour at 10 Hz over Osborne with the Cessna preset, fits all subsets of up to two of four scalar
-magnetometers (with their differences) by up to two of three vector magnetometers (Tolles-Lawson terms) by six models, then
-adds 100 ridge parameters, then compensates with and scores every model; each run starts with what it needs from the one
-before and nothing else. scikit-learn fits the same combinations one by one on columns filtered by scipy; of the 60 sets
-every sixth is timed and the sum scaled, all of them with `--all`. Asserts that both models of a combination predict the same.
+Simulates 12 flights of an hour at 10 Hz over Osborne with the Cessna preset, fits all subsets of up to two of four
+scalar magnetometers (with their differences) by up to two of three vector magnetometers (Tolles-Lawson terms) by six
+models, then adds 100 ridge parameters, then compensates with and scores every model; each run starts with what it needs
+from the one before and nothing else. scikit-learn fits the same combinations one by one on columns filtered by scipy;
+of the 60 sets every sixth is timed and the sum scaled, all of them with `--all`. Asserts that both models of a
+combination predict the same.
 """
 import argparse
 import itertools
@@ -102,7 +103,8 @@ entries = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
 lambda = "$lambda"
 """
 ONE_LAMBDA = LAMBDAS.replace('"path"', '"single"').replace('"$lambda"', '"$single"')
-ALL_LAMBDAS = LAMBDAS.replace('"path"', '"paths"').replace('"mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"', '"$scalars", "$vectors"')
+ALL_LAMBDAS = LAMBDAS.replace('"path"', '"paths"').replace('"mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"',
+                                                           '"$scalars", "$vectors"')
 SCORES = """
 [[stages]]
 name = "clean"
@@ -122,7 +124,8 @@ truth = "mag_1_c"
 def run(folder, text, label, threads=2):
     (folder / "spec.toml").write_text(text)
     start = time.perf_counter()
-    out = subprocess.run([MAGLINE, "run", "spec.toml", "--json", "--threads", str(threads)], cwd=folder, capture_output=True, text=True)
+    out = subprocess.run([MAGLINE, "run", "spec.toml", "--json", "--threads", str(threads)], cwd=folder,
+                         capture_output=True, text=True)
     seconds = time.perf_counter() - start
     if out.returncode:
         raise SystemExit(out.stderr + out.stdout[-2000:])
@@ -200,7 +203,8 @@ def by_sklearn(folder, whole):
     worst = dict.fromkeys(MODELS, 0.0)
     table = pq.read_table(folder / "store/tables/combinations/fits").to_pandas()
     for scalars, vectors in chosen:
-        wanted = [n for n in names if n.removesuffix("_dot") in scalars or n.split("#")[0].removeprefix("TL_A_") in vectors]
+        wanted = [n for n in names if n.removesuffix("_dot") in scalars
+                  or n.split("#")[0].removeprefix("TL_A_") in vectors]
         x = a[:, [names.index(n) for n in wanted]]
         for model in MODELS:
             start = time.perf_counter()
@@ -213,7 +217,8 @@ def by_sklearn(folder, whole):
     total = filtering + scale * sum(seconds.values())
     print(f"scikit-learn {sklearn.__version__}, one by one, {len(chosen)} of {len(sets)} sets timed: {total:.1f} s "
           f"(all columns filtered once {filtering:.1f}; {each})", flush=True)
-    print("predictions differ by, in parts of the target's deviation: " + ", ".join(f"{m} {w:.0e}" for m, w in worst.items()))
+    print("predictions differ by, in parts of the target's deviation: "
+          + ", ".join(f"{m} {w:.0e}" for m, w in worst.items()))
     # scikit-learn stops coordinate descent at a part of 1e-4.
     assert all(w < (1e-2 if m == "elastic_net" else 1e-6) for m, w in worst.items()), worst
     return total

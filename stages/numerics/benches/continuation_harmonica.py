@@ -1,7 +1,7 @@
 """Upward continuation of a map of 3195 x 7279 nodes with harmonica and xrft, beside the bench of the same name.
 
-    python3 stages/numerics/benches/continuation_harmonica.py            # the bench before and after its own runs, and the ratio
-    python3 stages/numerics/benches/continuation_harmonica.py --write    # the nodes that the bench is checked against
+    python3 stages/numerics/benches/continuation_harmonica.py          # the bench before and after its own runs, ratio
+    python3 stages/numerics/benches/continuation_harmonica.py --write  # the nodes that the bench is checked against
 
 The map and its padding by zeros to 3840 x 8748 nodes are the same on both sides. The fastest of the runs counts.
 """

@@ -61,7 +61,10 @@ fn real(survey: &Survey, folder: &str) {
     let (gridded, seconds) = timed(|| grid(points.borrow(), &options, quiet).unwrap());
     let r = &gridded.report;
     println!(
-        "{{\"survey\":\"{}\",\"method\":\"sources\",\"fit_and_grid_s\":{seconds:.2},\"line_spacing_m\":{:.0},\"block_m\":{:.0},\"blocks\":{},\"outliers\":{},\"duplicates\":{},\"sources\":{},\"fit_rms_nt\":{:.2},\"fit_median_nt\":{:.2},\"nodes\":{},\"summation_error_nt\":{:.4}}}",
+        "{{\"survey\":\"{}\",\"method\":\"sources\",\"fit_and_grid_s\":{seconds:.2},\
+         \"line_spacing_m\":{:.0},\"block_m\":{:.0},\"blocks\":{},\"outliers\":{},\"duplicates\":{},\
+         \"sources\":{},\"fit_rms_nt\":{:.2},\"fit_median_nt\":{:.2},\
+         \"nodes\":{},\"summation_error_nt\":{:.4}}}",
         survey.name,
         r.line_spacing_m,
         r.block_m,
@@ -84,7 +87,8 @@ fn real(survey: &Survey, folder: &str) {
             let s = crossed.spread;
             let name = if matches!(method, GriddingMethod::MinimumCurvature(_)) { "curvature" } else { "sources" };
             println!(
-                "{{\"survey\":\"{}\",\"method\":\"{name}\",\"left_out\":{fold},\"n\":{},\"median_nt\":{:.2},\"rms_nt\":{:.2},\"p95_nt\":{:.1},\"seconds\":{seconds:.2}}}",
+                "{{\"survey\":\"{}\",\"method\":\"{name}\",\"left_out\":{fold},\"n\":{},\
+                 \"median_nt\":{:.2},\"rms_nt\":{:.2},\"p95_nt\":{:.1},\"seconds\":{seconds:.2}}}",
                 survey.name, s.n, s.median_nt, s.rms_nt, s.p95_nt
             );
             if name == "sources" && *fold == 0 {
@@ -105,7 +109,9 @@ fn level(survey: &Survey, points: &OwnedSurveyPoints) {
         let figures: Vec<String> =
             merits.map(|m| format!("[{:.2},{:.2}]", m.figure_of_merit_crossings, m.median_nt)).collect();
         println!(
-            "{{\"survey\":\"{}\",\"levelling_order\":{order},\"crossovers\":{},\"rms_and_median_nt_before_after_left_out\":[{}],\"find_s\":{found_s:.2},\"level_s\":{seconds:.2}}}",
+            "{{\"survey\":\"{}\",\"levelling_order\":{order},\"crossovers\":{},\
+             \"rms_and_median_nt_before_after_left_out\":[{}],\
+             \"find_s\":{found_s:.2},\"level_s\":{seconds:.2}}}",
             survey.name,
             crossovers.len(),
             figures.join(",")

@@ -4,9 +4,9 @@
 
 Writes the points of datasets/samples as flat little-endian f64 columns (easting, northing, height, value, number of
 the line among the sorted lines) into a temporary folder, times BlockReduce and EquivalentSourcesGB with the settings of
-the samples' maps, fit and grid, predicts every 7th line from the others, and runs `cargo bench -p magline-numerics --bench
-gridding` on that folder. `--time-only` leaves out harmonica's predictions at
-left-out lines, `--magline-only` all of harmonica. Needs numpy, pyarrow, verde 1.9 and harmonica 0.7.
+the samples' maps, fit and grid, predicts every 7th line from the others, and runs `cargo bench -p magline-numerics
+--bench gridding` on that folder. `--time-only` leaves out harmonica's predictions at left-out lines,
+`--magline-only` all of harmonica. Needs numpy, pyarrow, verde 1.9 and harmonica 0.7.
 """
 
 import os
@@ -63,7 +63,8 @@ def compare(name, columns, number):
     region = verde.get_region(columns[:2])
     nodes = verde.grid_coordinates(region, spacing=spacing, extra_coords=level)
     sources.predict(nodes)
-    print(f"{name} harmonica: blocks, fit and grid of {nodes[0].size} nodes in {time.perf_counter() - start:.1f} s", flush=True)
+    print(f"{name} harmonica: blocks, fit and grid of {nodes[0].size} nodes in {time.perf_counter() - start:.1f} s",
+          flush=True)
     for fold in () if "--time-only" in sys.argv else (0, 3):
         out = number % 7 == fold
         predicted = fitted(name, [c[~out] for c in columns]).predict([c[out] for c in columns[:3]])

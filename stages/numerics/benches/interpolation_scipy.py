@@ -1,7 +1,7 @@
 """The work of `interpolation.rs` in scipy, to be timed beside it.
 
-    python3 stages/numerics/benches/interpolation_scipy.py            # look-ups and filling: scipy, then the Rust bench, ratios
-    python3 stages/numerics/benches/interpolation_scipy.py look-ups   # only these
+    python3 stages/numerics/benches/interpolation_scipy.py           # look-ups and filling: scipy, Rust, ratios
+    python3 stages/numerics/benches/interpolation_scipy.py look-ups  # only these
 
 Value and gradient, each as scipy's user would get them:
   RectBivariateSpline      bicubic (ends not-a-knot, not natural): `ev` of value and of both derivatives

@@ -26,7 +26,8 @@ def flight():
     k = np.arange(LINES * ROWS, dtype=float)
     a = np.empty((k.size, TERMS))
     for j in range(TERMS):
-        a[:, j] = np.sin(k * (0.013 + 0.0171 * (j % 6)) + 0.37 * (j % 6)) + 0.2 * np.sin(k * (0.05 + 0.0237 * j) + 1.3 * j)
+        slow = np.sin(k * (0.013 + 0.0171 * (j % 6)) + 0.37 * (j % 6))
+        a[:, j] = slow + 0.2 * np.sin(k * (0.05 + 0.0237 * j) + 1.3 * j)
     y = a[:, ::7] @ (np.arange(a[:, ::7].shape[1]) - 3.0)
     return a, y + 0.5 * np.sin(2.1 * k) + 0.1 * np.sin(k * k * 1e-4)
 
@@ -68,7 +69,8 @@ def main():
     timed("PLSRegression, 20 components", lambda: PLSRegression(20).fit(a, y), 1)
     if "--folds" in sys.argv:
         folds = list(LeaveOneGroupOut().split(a, y, np.repeat(np.arange(LINES), ROWS)))
-        timed("ElasticNetCV, every line left out", lambda: ElasticNetCV(cv=folds, **options).fit((a - a.mean(0)) / deviation, y), 1)
+        timed("ElasticNetCV, every line left out",
+              lambda: ElasticNetCV(cv=folds, **options).fit((a - a.mean(0)) / deviation, y), 1)
     command = ["cargo", "bench", "-q", "-p", "stages", "--bench", "models", "--profile", "dev"]
     print(subprocess.run(command, cwd=HERE, capture_output=True, text=True, check=True).stdout, end="")
 

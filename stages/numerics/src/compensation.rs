@@ -48,7 +48,9 @@
 //!
 //! ```
 //! use nalgebra::Vector3;
-//! use numerics::compensation::{DEFAULT_SCALE_NT, BodyFieldColumns, TermSelection, approximation_bound_nt, tolles_lawson};
+//! use numerics::compensation::{
+//!     BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, approximation_bound_nt, tolles_lawson,
+//! };
 //! use numerics::earth::body_to_ned;
 //!
 //! // Level flight north, east and south in a field of 50,000 nT that dips by 60° to the north.

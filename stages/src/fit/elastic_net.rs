@@ -23,7 +23,8 @@ model! {
     ///
     /// Source: Zou and Hastie 2005; Gnadt 2022, (3.19) to (3.43).
     ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten],
+    groups [penalty: RidgePenalty], example "lambda = 0.025";
     /// Fraction of the penalty that applies to the absolute values of the coefficients.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
 }

@@ -11,7 +11,8 @@ model! {
     /// The model `tlnn` with the extended Tolles-Lawson model: by default all features are linear terms.
     ///
     /// Source: van der Meer 2025, section 4.4.2 and Table 4.7.
-    ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples,
+    choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }
 

@@ -11,7 +11,8 @@ model! {
     ///
     /// Source: van der Meer 2025, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten],
+    groups [penalty: RidgePenalty], example "lambda = 0.025";
 }
 
 impl RidgeModel for ExtendedTollesLawson {

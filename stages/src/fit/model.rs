@@ -247,12 +247,18 @@ impl FitModelDecl {
 /// use stages::fit::{LinearFitResult, FitModel, ScaledFactor, FitProblem, FitSettings, model};
 /// model! {
 /// /// Least squares with reduced coefficients.
-///     Shrunk = "shrunk", version 1, scaling None, intercept false, made of Moments, choose [Given], takes [], example "factor = 0.9";
+///     Shrunk = "shrunk", version 1, scaling None, intercept false, made of Moments, choose [Given], takes [],
+///     example "factor = 0.9";
 /// /// Factor applied to the coefficients.
 ///     factor: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
 /// }
 /// impl FitModel for Shrunk {
-///     fn fit(&self, problem: &FitProblem, settings: &FitSettings, prepared: &ScaledFactor) -> Result<LinearFitResult, Fault> {
+///     fn fit(
+///         &self,
+///         problem: &FitProblem,
+///         settings: &FitSettings,
+///         prepared: &ScaledFactor,
+///     ) -> Result<LinearFitResult, Fault> {
 ///         let mut answer = stages::fit::ridge(problem, settings, prepared, 0.0)?;
 ///         answer.fit.coefficients.iter_mut().for_each(|b| *b *= self.factor);
 ///         Ok(answer)
@@ -264,7 +270,8 @@ impl FitModelDecl {
 macro_rules! model {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, scaling $scaling:ident, intercept $intercept:literal, made of $of:ident,
+        $Ty:ident = $name:literal, version $v:literal, scaling $scaling:ident, intercept $intercept:literal,
+        made of $of:ident,
         choose [$($choose:ident),+ $(,)?], takes [$($setting:ident),* $(,)?],
         $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
         $($keys:tt)*

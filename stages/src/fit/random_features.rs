@@ -28,7 +28,8 @@ model! {
     /// to the square of this number.
     random_features: usize, unit "1", default 200usize, rule Rule::Between(2.0, 10_000.0);
     /// Length scale of the kernel, in standard deviations of the inputs: the distance over which values are correlated.
-    length_scale: Option<f64>, unit "1", absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
+    length_scale: Option<f64>, unit "1",
+        absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
     /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
     /// of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;

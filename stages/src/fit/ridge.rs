@@ -22,7 +22,8 @@ const GRID: (usize, f64) = (81, 1e-12);
 model! {
     /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 with standardised columns.
     Ridge = "ridge", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten],
+    groups [penalty: RidgePenalty], example "lambda = 0.025";
 }
 
 impl RidgeModel for Ridge {

@@ -38,7 +38,8 @@ model! {
     /// Columns are not scaled. `threshold` applies to the loss `huber`, `degrees_of_freedom` to `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
-    Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [], example "loss = \"huber\"";
+    Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [],
+    example "loss = \"huber\"";
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Loss function of a residual.

@@ -12,7 +12,8 @@ model! {
     /// which the search in van der Meer 2025 selected.
     ///
     /// Source: van der Meer 2025, section 4.4.1 and Table 4.6.
-    TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],
+    takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }
 

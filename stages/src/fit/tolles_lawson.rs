@@ -11,7 +11,8 @@ model! {
     ///
     /// Source: Tolles and Lawson 1950; Leliak 1961; Gnadt 2022, (3.19) to (3.43).
     TollesLawson = "tolles_lawson", version 1, scaling None, intercept false, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten],
+    groups [penalty: RidgePenalty], example "lambda = 0.025";
 }
 
 impl RidgeModel for TollesLawson {

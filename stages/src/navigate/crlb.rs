@@ -33,7 +33,8 @@ filter! {
     /// `ve` and `vd` are the velocity of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
-    Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    example "discretisation = \"trapezoidal\"";
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

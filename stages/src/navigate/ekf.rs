@@ -24,7 +24,8 @@ filter! {
     /// updates after a coarse start reduce the covariance too far.
     ///
     /// Source: Gnadt 2022, section 5.3, with discretised process noise. F and H are verified by finite differences.
-    Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
+    Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.

@@ -42,7 +42,8 @@ filter! {
     /// default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    example "window = 50";
     /// Noise that is estimated: measurement noise (`"r"`), process noise (`"q"`), or both.
     adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
     /// Number of past innovations in the estimate. With 50 innovations, the noise is accurate to 10 %; with 10, as in
@@ -51,10 +52,12 @@ filter! {
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// Lower bound of the estimated noise.
     sigma_min_nt: Option<f64>, unit "nT",
-        absent "half of the noise that `tuning = \"auto\"` estimates, else a twentieth of `measurement_sigma_nt`; with `noise_column` the smallest assumed noise", rule Rule::Positive;
+        absent "half of the noise that `tuning = \"auto\"` estimates, else a twentieth of `measurement_sigma_nt`; with \
+                `noise_column` the smallest assumed noise", rule Rule::Positive;
     /// Upper bound of the estimated noise.
     sigma_max_nt: Option<f64>, unit "nT",
-        absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
+        absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise",
+        rule Rule::Positive;
     /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
     /// default of version 1, subtracts from each squared innovation the covariance predicted at that time.
     /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all

@@ -44,7 +44,8 @@ filter! {
     /// data.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
-    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example r#"features = "tl"
+    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    example r#"features = "tl"
 gnss_lost_s = [20.0, 1e6]"#;
     /// List column of the network's inputs, as made by `features` or `a_matrix`.
     features: String, unit "", default "features";

@@ -33,7 +33,8 @@ filter! {
     /// the first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the sample.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
-    EkfOnlineTl = "ekf_online_tl", version 2, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
+    EkfOnlineTl = "ekf_online_tl", version 2,
+    groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
     /// With 0 the coefficients are constants. In a cold start the default is 0, because the wide prior does not
     /// describe changes in flight.

@@ -264,7 +264,8 @@ pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Resul
 macro_rules! filter {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
+        $Ty:ident = $name:literal, version $v:literal,
+        $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
         $($keys:tt)*
     ) => {
         schemas::params! {

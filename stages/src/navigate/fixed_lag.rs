@@ -38,7 +38,8 @@ filter! {
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
-    FixedLag = "fixed_lag", version 2, groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
+    FixedLag = "fixed_lag", version 2,
+    groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
@@ -55,7 +56,8 @@ filter! {
     iterations: usize, unit "", default 15usize;
     /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain; 0 for none.
     aircraft_sigma_nt: Option<f64>, unit "nT",
-        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it",
+        rule Rule::NotNegative;
     /// Time constant of this slowly varying aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constant

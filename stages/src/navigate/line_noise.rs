@@ -55,8 +55,8 @@ impl LineNoiseInputs {
     }
 }
 
-/// Fixed parameters, the aircraft field if its coefficients are states, and the prior standard deviations of the lag and
-/// the height bias as in [`NoiseSearch`].
+/// Fixed parameters, the aircraft field if its coefficients are states, and the prior standard deviations of the lag
+/// and the height bias as in [`NoiseSearch`].
 pub(super) type GivenNoise<'a> = (NoiseParameters, Option<&'a AircraftCoefficientStates<'a>>, [Option<f64>; 2]);
 
 /// Estimated noise of a line.
@@ -146,8 +146,8 @@ impl LineNoiseEstimate {
         Ok(Self { start, noise, rows, map_nt })
     }
 
-    /// The estimate with measurements at a shorter interval, if their innovations are white. The coefficients of the aircraft
-    /// field need no further measurements.
+    /// The estimate with measurements at a shorter interval, if their innovations are white. The coefficients of the
+    /// aircraft field need no further measurements.
     fn with_more_measurements(
         mut self,
         flown: &FilterInput,

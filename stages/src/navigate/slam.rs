@@ -297,7 +297,8 @@ mod tests {
 
     #[test]
     fn unit_smoothed_and_without_a_revisit_the_track_equals_the_aided_ins() {
-        let keys = "mag = 'mag_1_c'\nparticles = 20\nsmooth = true\nsmooth_measurements = 60\nmeasurement_sigma_nt = 1e5\n\
+        let keys = "mag = 'mag_1_c'\nparticles = 20\nsmooth = true\nsmooth_measurements = 60\n\
+                    measurement_sigma_nt = 1e5\n\
                     hyperparameters = 'fixed'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0";
         let found = run("slam", keys);
         let aided = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0");

@@ -116,9 +116,9 @@ impl Navigate {
             StartSource::Auto if has(shape, &TRUTH) => StartSource::Fix,
             StartSource::Auto => {
                 let what = "the accuracy of the INS at the start of a line is unknown";
-                let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the time \
-                            of the last alignment (seconds past midnight, by `derive`); or set `start = \"given\"`, \
-                            `init_position_sigma_m` and `init_velocity_sigma_mps`";
+                let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the \
+                            time of the last alignment (seconds past midnight, by `derive`); or set `start = \
+                            \"given\"`, `init_position_sigma_m` and `init_velocity_sigma_mps`";
                 return Err(Fault::new(what).help(help).of_param("start"));
             }
             given => given,
@@ -167,8 +167,8 @@ impl Navigate {
         self.start.fix_velocity.clone().or(usual)
     }
 
-    /// Whether the error sources of the INS are those of the flight's column [`INS_GRADE`]: no key of the INS is set, and
-    /// the initial standard deviations hold at the alignment.
+    /// Whether the error sources of the INS are those of the flight's column [`INS_GRADE`]: no key of the INS is set,
+    /// and the initial standard deviations hold at the alignment.
     pub(super) fn takes_grade(&self, shape: &TableShape) -> bool {
         let start = self.start_from(shape);
         let at_alignment = matches!(start, Ok(StartSource::Alignment | StartSource::Fix));
@@ -215,8 +215,8 @@ impl Navigate {
                 Some(format!("filters start from a fix ({}) at the first sample of each line", fix()))
             }
             StartSource::Fix => Some(format!(
-                "filters start from a fix ({}) at the first sample of each line; the flight has no column `{ALIGNED}`, so \
-                 the likelihood chooses an alignment of the INS at the fix or one hour before",
+                "filters start from a fix ({}) at the first sample of each line; the flight has no column `{ALIGNED}`, \
+                 so the likelihood chooses an alignment of the INS at the fix or one hour before",
                 fix()
             )),
             StartSource::Given => {
@@ -406,7 +406,8 @@ mod tests {
         };
         let fields: Vec<Field> = flight.schema().fields().iter().map(truth).collect();
         let flight = RecordBatch::try_new(Arc::new(Schema::new(fields)), flight.columns().to_vec()).unwrap();
-        let keys = "start = 'fix'\nfix = ['lat', 'lon', 'alt']\nfix_velocity = ['doppler_n', 'doppler_e', 'doppler_d']\n\
+        let keys = "start = 'fix'\nfix = ['lat', 'lon', 'alt']\nfix_velocity = ['doppler_n', 'doppler_e', \
+                    'doppler_d']\n\
                     fix_sigma_m = 20.0\nfix_velocity_sigma_mps = 100.0";
         let found = run(keys, &flight).unwrap();
         assert!(found.error_m(0) > 1.0, "the position is truth: {}", found.error_m(0));

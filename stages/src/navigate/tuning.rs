@@ -113,7 +113,8 @@ impl Navigate {
                     let first = floats(batch, column)?.iter().copied().find(|x| x.is_finite());
                     first.ok_or_else(|| {
                         let what = format!(
-                            "`{param} = \"auto\"` has no value: the lines of the model's fit are too short to estimate it"
+                            "`{param} = \"auto\"` has no value: the lines of the model's fit are too short to estimate \
+                             it"
                         );
                         Fault::data(what).in_column(column).help(format!("set `{param}` to a number"))
                     })?
@@ -243,7 +244,8 @@ impl Navigate {
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` for correlated innovations; 1 where they are white. `noise_permanent_tau` is divided by its square",
+            "factor in `noise_sigma` for correlated innovations; 1 where they are white. `noise_permanent_tau` is \
+             divided by its square",
         ));
         columns
     }

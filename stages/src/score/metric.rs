@@ -78,7 +78,8 @@ impl Scorer {
 macro_rules! metric {
     (
         $(#[doc = $doc:literal])+
-        $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal, pool $pool:ident $(($percent:literal))?, better $better:ident $(($target:literal))?,
+        $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal,
+        pool $pool:ident $(($percent:literal))?, better $better:ident $(($target:literal))?,
         $(shown $shown:expr,)? $(baseline $baseline:ident $label:literal,)? $(limit $limit:ident ($bound:literal),)?
         $(spread $spread:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
         $(, uses [$($use:ident $(($use_column:literal))?),+])?;

@@ -1,6 +1,7 @@
 //! A model whose code is outside of this program, such as a Python function, in a model table.
 //!
-//! The program that has the code sets one reader ([`set_external_reader`]). A program without a reader rejects the table.
+//! The program that has the code sets one reader ([`set_external_reader`]). A program without a reader rejects the
+//! table.
 
 use std::{
     fmt,

@@ -11,6 +11,7 @@ metric! {
         let error = line.track_error()?;
         let mut sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east));
         let last = sizes.rfind(|size: &f64| size.is_finite());
-        Ok::<SampleStatistic, Fault>(SampleStatistic { value: last.unwrap_or(f64::NAN), n: usize::from(last.is_some()) })
+        let (value, n) = (last.unwrap_or(f64::NAN), usize::from(last.is_some()));
+        Ok::<SampleStatistic, Fault>(SampleStatistic { value, n })
     }
 }

@@ -124,7 +124,13 @@ store = "store"
 path   = "SAMPLES/magnavjl_tl/magnavjl_tl.parquet"
 flight = "sample"
 line   = "1"
-rename = { time_s = "tt", flux_a_x_nt = "flux_a_x", flux_a_y_nt = "flux_a_y", flux_a_z_nt = "flux_a_z", mag_1_uc_nt = "mag_1_uc" }
+
+[tables.calibration.rename]
+time_s      = "tt"
+flux_a_x_nt = "flux_a_x"
+flux_a_y_nt = "flux_a_y"
+flux_a_z_nt = "flux_a_z"
+mag_1_uc_nt = "mag_1_uc"
 
 [tables.flights]
 path = "SAMPLES/simple_magnav/xyz.h5"

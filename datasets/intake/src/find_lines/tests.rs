@@ -97,7 +97,8 @@ fn unit_simulated_calibrations_are_found_at_their_times() {
 fn unit_a_grid_has_the_same_lines_whole_and_split() {
     let grid = |split: bool| {
         let keys = format!(
-            "kind = 'grid'\nsplit = {split}\norigin = [-22.0, 140.6]\nheading_deg = 20.0\nline_m = 9000.0\nspacing_m = 800.0\n\
+            "kind = 'grid'\nsplit = {split}\norigin = [-22.0, 140.6]\nheading_deg = 20.0\nline_m = 9000.0\n\
+             spacing_m = 800.0\n\
              count = 5\ntie_spacing_m = 4000.0"
         );
         detect_in_simulation(&line("G", &keys))
@@ -123,7 +124,8 @@ fn unit_a_grid_has_the_same_lines_whole_and_split() {
 fn unit_survey_legs_are_lines_and_plain_squares_are_no_boxes() {
     let square =
         "kind = 'free'\nwaypoints = [[-22.0, 140.6], [-21.9, 140.6], [-21.9, 140.7], [-22.0, 140.7], [-22.0, 140.58]]";
-    let narrow = "kind = 'grid'\nsplit = false\norigin = [-22.0, 140.6]\nline_m = 3000.0\nspacing_m = 50.0\ncount = 6\nspeed_mps = 28.0";
+    let narrow = "kind = 'grid'\nsplit = false\norigin = [-22.0, 140.6]\nline_m = 3000.0\nspacing_m = 50.0\ncount = 6\n\
+                  speed_mps = 28.0";
     let (found, known) = detect_in_simulation(&line("1", square));
     assert_eq!(kinds(&found), [LinePattern::Line; 4], "{:?}", found.spans());
     let headings: Vec<f64> = found.lines.iter().filter_map(|l| l.heading_deg).collect();

@@ -140,7 +140,8 @@ fn unit_the_epoch_is_the_median_over_new_fixes() {
     let fixes = "boot,tow,week,fix\n0,0,0,0\n1000,345601000,2154,3\n1200,345601000,2154,3\n2500,345602000,2154,3\n\
                  2700,345602000,2154,3\n3000,345603000,2154,3\n";
     fs::write(folder.path().join("gps.csv"), fixes).unwrap();
-    let text = "flight = 'f'\nline = '1'\n[epoch]\nfile = 'gps.csv'\nfrom = 'tow'\nunit = 'ms'\nclock = 'gps'\nweek = 'week'\n\
+    let text = "flight = 'f'\nline = '1'\n[epoch]\nfile = 'gps.csv'\nfrom = 'tow'\nunit = 'ms'\nclock = 'gps'\n\
+                week = 'week'\n\
                 boot = 'boot'\nboot_unit = 'ms'\nrows = 'fix >= 3'\n[tables.t]\ncolumns = { x = { from = 'x' } }\n\
                 time = { from = 'ms', unit = 'ms', clock = 'boot' }\n";
     let open = |text: &str| {
@@ -230,7 +231,8 @@ fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
     }
     let no_epoch = "flight = 'f'\nline = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'boot' }\n";
     assert_fault(rows(csv, no_epoch), &["the start time is unknown", "unknown = true"]);
-    let no_flight = "line = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'day' }\ncolumns = { x = { from = 'ms' } }\n";
+    let no_flight = "line = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'day' }\n\
+                     columns = { x = { from = 'ms' } }\n";
     assert_fault(rows(csv, no_flight), &["has no flight for the table"]);
     let given = FlightOptions { flight: Some("7".into()), ..FlightOptions::default() };
     assert!(opened(csv, no_flight, &given).is_ok());

@@ -30,7 +30,8 @@ fn lines_of(top: &str, aircraft: &str, flights: &str) -> Vec<RecordBatch> {
 fn spec(folder: &TempDir, top: &str, aircraft: &str, flights: &str) -> PathBuf {
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
     let text = format!(
-        "seed = 3\nyear = 2020\ndoy = 185\ngusts_deg = [1.5, 0.5, 0.7]\n{top}\n[map]\npath = '{}'\n{aircraft}\n{flights}",
+        "seed = 3\nyear = 2020\ndoy = 185\ngusts_deg = [1.5, 0.5, 0.7]\n{top}\n[map]\npath = '{}'\n{aircraft}\n\
+         {flights}",
         map.display()
     );
     let path = folder.path().join("a.synth.toml");
@@ -305,7 +306,8 @@ fn gold_faults_of_an_aircraft() {
         "[[currents]]\nname = 'cur_x'\nkind = 'schedul'\non_a = 1.0\n[[wires]]\ncurrent = 'cur_x'\n\
          path = [[0.0, 0.0]]\n[[magnetometers]]\nname = 'mag_2_uc'\npermanent = [1.0, 2.0]\nheading_n = 3.0\n\
          [[magnetometers]]\nname = 'mag_3_uc'\npermanent = [1.0, 2.0, 3.0]\npermanent_nt = 4.0\n\
-         [[wires]]\ncurrent = 'cur_y'\npath = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]\n[[magnetometers]]\nname = 'mag_4_uc'\n\
+         [[wires]]\ncurrent = 'cur_y'\npath = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]\n[[magnetometers]]\n\
+         name = 'mag_4_uc'\n\
          induced = [[1.0, 2.0, 3.0]]\n[[inputs]]\nname = 'lat'\nkind = 'speed'\n",
         SURVEY,
     );

@@ -353,9 +353,12 @@ fn gold_faults_of_the_earths_field() {
         message.contains("needs a table `map`, a list `sources`, or `anomaly = false` in `components`"),
         "{message}"
     );
-    let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = 1.0\nlon = 1.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
-                 alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n[[sources]]\nkind = 'prism'\n\
-                 lat = 9.0\nlon = 1.0\ndepth_m = 1.0\nmagnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\nquite_nt = 1.0\n";
+    let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = 1.0\nlon = 1.0\n[[sources]]\n\
+                 lat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
+                 alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n[[sources]]\n\
+                 kind = 'prism'\n\
+                 lat = 9.0\nlon = 1.0\ndepth_m = 1.0\nmagnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\n\
+                 quite_nt = 1.0\n";
     let message = try_simulate(&format!("{wrong}{LINE}")).unwrap_err();
     for what in [
         "`model` cannot be `igfr`",

@@ -34,7 +34,8 @@ fn fly(line: &SynthLine, rate_hz: f64) -> TrueTrajectory {
 const WIND: &str = "[wind]\nspeed_mps = 12.0\nfrom_deg = 240.0\n";
 
 const EACH: [&str; 8] = [
-    "kind = 'survey'\nduration_s = 900.0\nweave_deg = 8.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5], [-21.9, 140.65]]",
+    "kind = 'survey'\nduration_s = 900.0\nweave_deg = 8.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5], [-21.9, \
+     140.65]]",
     "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.55], [-22.0, 140.65], [-21.9, 140.7]]\n\
      alts_m = [500.0, 600.0, 550.0, 700.0]",
     "kind = 'box'\nstart = [-22.0, 140.5]\nheading_deg = 30.0",

@@ -116,8 +116,8 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
         if short {
             records.pop();
             result.notes.push(format!(
-                "{start}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all others of its \
-                 column, and its row is skipped"
+                "{start}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all others \
+                 of its column, and its row is skipped"
             ));
         } else {
             result

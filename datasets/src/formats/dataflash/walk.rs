@@ -243,7 +243,8 @@ impl DataflashScanState {
         let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
         let stands = |at: &usize| {
             let bytes = bytes.get(*at..).unwrap_or_default();
-            matches!(self.found(bytes), DataflashMatch::Message(length) if leads(bytes.get(length..).unwrap_or_default()))
+            let led = |length: usize| leads(bytes.get(length..).unwrap_or_default());
+            matches!(self.found(bytes), DataflashMatch::Message(length) if led(length))
         };
         (1..judged).find(stands).unwrap_or(judged.max(1))
     }

@@ -205,7 +205,8 @@ mod tests {
 
     fn search(keys: &str) -> SearchSpec {
         let text = format!(
-            "[search]\ngoal = 'scores.drms'\n{keys}\n[search.axes]\nx = {{ low = 0.0, high = 1.0 }}\nkind = ['a', 'b']\n[[stages]]\nname = 's'\nstage = 'score'\n"
+            "[search]\ngoal = 'scores.drms'\n{keys}\n[search.axes]\nx = {{ low = 0.0, high = 1.0 }}\n\
+             kind = ['a', 'b']\n[[stages]]\nname = 's'\nstage = 'score'\n"
         );
         Spec::parse("a.toml", ".".into(), text, &[]).unwrap().search.unwrap()
     }

@@ -49,7 +49,12 @@ pub fn section(
             @if failures > 0 || !warnings.is_empty() {
                 p.note {
                     @if failures > 0 { a href="#failures" { (failures) " failed" } ". " }
-                    @if !warnings.is_empty() { a href="#warnings" { (warnings.len()) (if warnings.len() == 1 { " warning" } else { " warnings" }) } "." }
+                    @if !warnings.is_empty() {
+                        a href="#warnings" {
+                            (warnings.len()) (if warnings.len() == 1 { " warning" } else { " warnings" })
+                        }
+                        "."
+                    }
                 }
             }
         }
@@ -72,18 +77,28 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
     let held_out = board.scores.in_sample.get(row).map_or(board.scores.lines, |seen| seen.held_out);
     Ok(Some(html! {
         div.verdict data-table=(name) {
-            h2 { (if best.is_some() { "Result" } else { "No trustworthy result" }) @if name != "scores" { ": " (name) } }
+            h2 {
+                (if best.is_some() { "Result" } else { "No trustworthy result" }) @if name != "scores" { ": " (name) }
+            }
             p.sentence {
-                @if best.is_some() && several { "Best point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " } }
-                @if best.is_none() && several { "Closest point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " } }
+                @if best.is_some() && several {
+                    "Best point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " }
+                }
+                @if best.is_none() && several {
+                    "Closest point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " }
+                }
                 @if !several && !point.is_empty() { b { bdi { (point) } } ": " }
                 code { (declared.name) } " " strong { (with_unit(Some(value), declared.unit)) }
-                @if let Some((low, high)) = interval { " (bootstrap interval " (number(Some(low))) " to " (with_unit(Some(high), declared.unit)) ")" }
+                @if let Some((low, high)) = interval {
+                    " (bootstrap interval " (number(Some(low))) " to " (with_unit(Some(high), declared.unit)) ")"
+                }
                 @if let Some((other, other_value)) = over {
                     ", against " (with_unit(Some(other_value), declared.unit)) " (" (other.label) ")"
                 }
                 (place(held_out, board.scores.lines))
-                @if let Some(nees) = board.scores.metric("nees").and_then(|m| board.value(row, m)) { ". NEES " (number(Some(nees))) ", expected value 2" }
+                @if let Some(nees) = board.scores.metric("nees").and_then(|m| board.value(row, m)) {
+                    ". NEES " (number(Some(nees))) ", expected value 2"
+                }
                 "."
             }
             @if let Some(reason) = excluded(board, row, metric).filter(|_| best.is_none()) { p.warning { (reason) } }
@@ -216,11 +231,17 @@ fn figure(metric: Metric, value: f64, over: Option<(MetricBaseline, f64)>, lines
                         circle.base cx=(px(at(*other))) cy=(y) r="5" {}
                     }
                     circle.dot cx=(px(at(*value))) cy=(y) r=(if i == 0 { "7" } else { "5" }) {}
-                    text.value x=(px(WIDTH - RIGHT + 14.0)) y=(px(middle(i) + 4.0)) { (with_unit(Some(*value), metric.unit)) }
+                    text.value x=(px(WIDTH - RIGHT + 14.0)) y=(px(middle(i) + 4.0)) {
+                        (with_unit(Some(*value), metric.unit))
+                    }
                 }
             }
             figcaption {
-                "The pooled value" @if lines.len() > 1 { " and the " @if lines.len() > LINES { (LINES) " worst of " (lines.len()) } @else { (lines.len()) } " lines, worst first" }
+                "The pooled value"
+                @if lines.len() > 1 {
+                    " and the " @if lines.len() > LINES { (LINES) " worst of " (lines.len()) } @else { (lines.len()) }
+                    " lines, worst first"
+                }
                 @if log { ", on a logarithmic scale" } "."
             }
         }

@@ -105,7 +105,8 @@ fn defs<'a>(pictures: impl Iterator<Item = &'a AtlasImage>) -> Markup {
     html! {
         @if !pictures.is_empty() { svg.defs width="0" height="0" aria-hidden="true" { defs {
             @for AtlasImage { id, raster } in pictures {
-                image id=(id) width=(raster.size.0) height=(raster.size.1) preserveAspectRatio="none" href=(data_url(&raster.png)) {}
+                image id=(id) width=(raster.size.0) height=(raster.size.1) preserveAspectRatio="none"
+                    href=(data_url(&raster.png)) {}
             }
             linearGradient id="scale" { @for k in 0..=10 {
                 stop offset=(format!("{}%", 10 * k)) stop-color=(hex(Palette::Viridis.colour(f64::from(k) / 10.0))) {}
@@ -123,7 +124,10 @@ impl Atlas {
             div.maps {
                 (self.whole(line_tracks, zoom.as_ref()))
                 @if let (Some(k), Some(zoom)) = (place, zoom) { (self.close(line_tracks, k, &zoom)) }
-                @if let Some(near) = widest(line_tracks).filter(|(_, e)| !is_seen(line_tracks, place.zip(zoom.as_ref()), e)) { (self.near(line_tracks, near)) }
+                @let seen = |ellipse: &Ellipse| is_seen(line_tracks, place.zip(zoom.as_ref()), ellipse);
+                @if let Some(near) = widest(line_tracks).filter(|(_, e)| !seen(e)) {
+                    (self.near(line_tracks, near))
+                }
             }
         }
     }
@@ -216,7 +220,8 @@ impl Atlas {
                 (self.drawn(&canvas, line_tracks, "Tracks near the largest error \
                                              ellipse", html! {}, outlines(&canvas, line_tracks, &rings, 1.0)))
                 figcaption {
-                    "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
+                    "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by "
+                    (number(Some(widest.minor_m)))
                     " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses. The ellipses are drawn \
                         to scale." (error.unwrap_or_default())
                 }
@@ -235,7 +240,8 @@ impl Atlas {
                 (under)
                 @if let Some(ins) = &line_tracks.ins { (line(canvas, ins, "ins")) }
                 @if let Some(truth) = &line_tracks.truth { (line(canvas, truth, "truth")) }
-                (line(canvas, &line_tracks.estimate, if line_tracks.truth.is_some() { "estimate over" } else { "estimate" }))
+                @let class = if line_tracks.truth.is_some() { "estimate over" } else { "estimate" };
+                (line(canvas, &line_tracks.estimate, class))
                 (ends(canvas, line_tracks.truth.as_ref().or(line_tracks.ins.as_ref()).unwrap_or(&line_tracks.estimate)))
                 (over)
                 (canvas.furniture(&spots))
@@ -297,7 +303,10 @@ fn frame_of(canvas: &Canvas, zoom: &Bounds) -> Markup {
     // A smaller frame would not be visible.
     let (w2, h2) = (w.max(12.0), h.max(12.0));
     let (x, y) = (px(x - 0.5 * (w2 - w)), px(y - 0.5 * (h2 - h)));
-    html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
+    html! {
+        rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {}
+        rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {}
+    }
 }
 
 /// At most `most` values of `range`, evenly spaced, with both ends.
@@ -336,7 +345,8 @@ fn outlines(canvas: &Canvas, line_tracks: &LineTracks, rings: &[(usize, Ellipse)
     let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(line_tracks.estimate.at(*k)?)?, e)));
     html! { @for ((x, y), e) in places {
         // North is up, and a positive turn is clockwise.
-        ellipse.region rx=(px(e.minor_m / metres)) ry=(px(e.major_m / metres)) transform=(format!("translate({} {}) rotate({})", px(x), px(y), px(e.azimuth_deg))) {}
+        ellipse.region rx=(px(e.minor_m / metres)) ry=(px(e.major_m / metres))
+        transform=(format!("translate({} {}) rotate({})", px(x), px(y), px(e.azimuth_deg))) {}
     } }
 }
 
@@ -366,7 +376,9 @@ fn colour_bar(picture: &Raster) -> Markup {
                     text.tick x=(x) y="28" text-anchor="middle" { (nanotesla(*value)) }
                 }
             }
-            text.name x=(px(left + 0.5 * wide)) y="43" text-anchor="middle" { "anomaly, nT, at 0, 20 … 100 % of the area" }
+            text.name x=(px(left + 0.5 * wide)) y="43" text-anchor="middle" {
+                "anomaly, nT, at 0, 20 … 100 % of the area"
+            }
         }
     }
 }

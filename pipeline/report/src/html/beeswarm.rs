@@ -67,20 +67,29 @@ impl BeeswarmSamples {
         Some(html! {
             figure {
                 figcaption { strong { (title) } " (one dot per sample)" }
-                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img" aria-label=(words) style="max-width: 720px" {
-                    line x1=(px(at(0.0))) x2=(px(at(0.0))) y1="0" y2=(px(bottom)) stroke="var(--ink)" stroke-opacity="0.4" {}
+                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img" aria-label=(words)
+                    style="max-width: 720px" {
+                    line x1=(px(at(0.0))) x2=(px(at(0.0))) y1="0" y2=(px(bottom)) stroke="var(--ink)"
+                        stroke-opacity="0.4" {}
                     @for (row, (name, samples)) in groups.iter().enumerate() {
                         @let middle = ROW * (row as f64 + 0.5);
                         text.value x=(px(LABEL - 8.0)) y=(px(middle + 4.0)) text-anchor="end" font-size="12" { (name) }
                         @for dot in dots(samples) {
-                            circle cx=(px(at(dot.part))) cy=(px(middle - 0.42 * ROW * dot.up)) r=(px(RADIUS)) fill=(dot.colour) fill-opacity="0.85" {}
+                            circle cx=(px(at(dot.part))) cy=(px(middle - 0.42 * ROW * dot.up)) r=(px(RADIUS))
+                                fill=(dot.colour) fill-opacity="0.85" {}
                         }
                     }
                     @for tick in &axis {
-                        line x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1=(px(bottom)) y2=(px(bottom + 4.0)) stroke="var(--ink)" {}
-                        text.value x=(px(at(tick.at))) y=(px(bottom + 16.0)) text-anchor="middle" font-size="11" { (tick.label) }
+                        line x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1=(px(bottom)) y2=(px(bottom + 4.0))
+                            stroke="var(--ink)" {}
+                        text.value x=(px(at(tick.at))) y=(px(bottom + 16.0)) text-anchor="middle" font-size="11" {
+                            (tick.label)
+                        }
                     }
-                    text.value x=(px(0.5 * (LABEL + WIDTH - BAR))) y=(px(bottom + 31.0)) text-anchor="middle" font-size="12" { (label) }
+                    text.value x=(px(0.5 * (LABEL + WIDTH - BAR))) y=(px(bottom + 31.0)) text-anchor="middle"
+                        font-size="12" {
+                        (label)
+                    }
                     (colour_bar(bottom))
                 }
                 @if more > 0 { p.note { (more) " less important groups are not shown." } }
@@ -164,7 +173,10 @@ fn colour_bar(bottom: f64) -> Markup {
         }
         text.value x=(px(left + 4.0)) y=(px(top - 4.0)) text-anchor="middle" font-size="11" { "high" }
         text.value x=(px(left + 4.0)) y=(px(top + height + 12.0)) text-anchor="middle" font-size="11" { "low" }
-        text.value transform=(format!("translate({},{}) rotate(90)", px(left + 14.0), px(top + 0.5 * height))) text-anchor="middle" font-size="11" { "value of the input" }
+        text.value transform=(format!("translate({},{}) rotate(90)", px(left + 14.0), px(top + 0.5 * height)))
+            text-anchor="middle" font-size="11" {
+            "value of the input"
+        }
     }
 }
 

@@ -204,14 +204,19 @@ impl LineScoreTable {
                 table.sortable.lines {
                     thead { tr {
                         @for name in ["flight", "line"] { th scope="col" { button { (name) } } }
-                        @for column in &self.columns { th.n scope="col" { button { (if several { &column.name } else { self.metric.name }) } } }
+                        @for column in &self.columns {
+                            th.n scope="col" { button { (if several { &column.name } else { self.metric.name }) } }
+                        }
                         @if self.baseline.is_some() { th.n scope="col" { button { (self.baseline_name()) } } }
                     } }
                     tbody { @for (i, (flight, line)) in self.lines.iter().enumerate() {
-                        @let cells: Vec<LineScoreCell> = self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
+                        @let cells: Vec<LineScoreCell> =
+                            self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
                         tr { td { (flight) } td { (line) }
                             (self.cells(&cells))
-                            @if let Some((each, _)) = &self.baseline { td.n { (number(each.get(i).copied().flatten())) } }
+                            @if let Some((each, _)) = &self.baseline {
+                                td.n { (number(each.get(i).copied().flatten())) }
+                            }
                         }
                     } }
                     tfoot { tr { th colspan="2" scope="row" { "all " (self.all.0) " lines, pooled" }
@@ -231,7 +236,8 @@ impl LineScoreTable {
         let best = best.map(|b| b.0).filter(|_| cells.len() > 1);
         html! { @for (i, cell) in cells.iter().enumerate() {
             @let marked = cell.marked && cell.value.is_some();
-            td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())] title=[marked.then_some("flagged")] {
+            td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())]
+                title=[marked.then_some("flagged")] {
                 @if marked { "! " } (number(cell.value)) @if cell.in_sample && cell.value.is_some() { " ~" }
             }
         } }

@@ -1,7 +1,7 @@
 //! The scores of one table as a block of JSON, from which the script of the page draws the explorer.
 //!
-//! Values are written column by column, each in its shortest form that reads back as the same number. A missing value is
-//! `null`. `<` is written as an escape, so that no name can close the block.
+//! Values are written column by column, each in its shortest form that reads back as the same number. A missing value
+//! is `null`. `<` is written as an escape, so that no name can close the block.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -261,7 +261,8 @@ impl LineScores {
         let names: Vec<[&str; 2]> = self.names.iter().map(|(flight, line)| [flight.as_str(), line.as_str()]).collect();
         let values: Vec<String> = self.values.iter().map(|column| json!(column).to_string()).collect();
         format!(
-            "{{\"names\":{},\"metrics\":{},\"points\":{},\"lines\":{},\"in_sample\":{},\"flagged\":{},\"values\":[{}]}}",
+            "{{\"names\":{},\"metrics\":{},\"points\":{},\"lines\":{},\"in_sample\":{},\"flagged\":{},\
+             \"values\":[{}]}}",
             json!(names),
             json!(self.metrics),
             json!(self.points),

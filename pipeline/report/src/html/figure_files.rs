@@ -273,8 +273,11 @@ mod tests {
 
     use super::*;
 
-    const PAGE: &str = "<svg class=\"defs\" aria-hidden=\"true\"><defs><g id=\"m1\"><rect fill=\"var(--ink)\"></rect></g></defs></svg>\
-        <figure><h3>x</h3><svg viewBox=\"0 0 10 5\" role=\"img\" aria-label=\"a &lt;b&gt; ../c\" style=\"max-width: 3px\">\
+    const PAGE: &str = "\
+        <svg class=\"defs\" aria-hidden=\"true\">\
+        <defs><g id=\"m1\"><rect fill=\"var(--ink)\"></rect></g></defs></svg>\
+        <figure><h3>x</h3>\
+        <svg viewBox=\"0 0 10 5\" role=\"img\" aria-label=\"a &lt;b&gt; ../c\" style=\"max-width: 3px\">\
         <use href=\"#m1\"></use><svg><text class=\"name\">n</text></svg></svg>\
         <figcaption>Two <b>words</b> &amp; more.</figcaption></figure>\
         <td><svg class=\"whisker\" aria-hidden=\"true\"></svg></td>";

@@ -149,10 +149,12 @@ fn drawn(nodes: &[FlowNode]) -> Markup {
     let wide = x(columns.len()) - GAP_X + 4.0;
     html! {
         div.scroll {
-            svg.flow viewBox=(format!("0 -4 {} {}", px(wide), px(bottom + 8.0))) style=(format!("min-width:{}px;max-width:{}px", px(0.72 * wide), px(1.1 * wide)))
+            svg.flow viewBox=(format!("0 -4 {} {}", px(wide), px(bottom + 8.0)))
+                style=(format!("min-width:{}px;max-width:{}px", px(0.72 * wide), px(1.1 * wide)))
                 role="img" aria-label="The plan: tables and their inputs" {
                 @for (c, places) in columns.iter().enumerate() { @for place in places {
-                    @for from in &place.from { @if let Some(before) = c.checked_sub(1).and_then(|b| columns.get(b)).and_then(|p| p.get(*from)) {
+                    @let before = c.checked_sub(1).and_then(|b| columns.get(b));
+                    @for from in &place.from { @if let Some(before) = before.and_then(|p| p.get(*from)) {
                         path.arrow d=(arrow(x(c - 1) + BOX_W, before.y, x(c), place.y)) {}
                     } }
                     @match place.node {

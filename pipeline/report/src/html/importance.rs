@@ -133,13 +133,19 @@ impl ImportanceRanking {
         html! {
             figure {
                 figcaption { strong { (title) } " (" (what) ")" }
-                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img" aria-label=(format!("{title}: {what}")) {
+                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img"
+                    aria-label=(format!("{title}: {what}")) {
                     @for (row, (name, values)) in groups.iter().enumerate() {
                         @let (top, middle) = (ROW * row as f64 + 4.0, mean(values));
                         text.value x=(px(LABEL - 8.0)) y=(px(top + 12.0)) text-anchor="end" font-size="12" { (name) }
-                        rect x=(px(LABEL)) y=(px(top)) width=(px(at(middle) - LABEL)) height=(px(ROW - 8.0)) fill="var(--band)" fill-opacity="0.28" {}
-                        @for value in values.iter() { circle.dot cx=(px(at(*value))) cy=(px(top + 7.0)) r="2.4" fill-opacity="0.7" {} }
-                        text.value x=(px(WIDTH - VALUE + 10.0)) y=(px(top + 12.0)) font-size="12" { (number(Some(middle))) }
+                        rect x=(px(LABEL)) y=(px(top)) width=(px(at(middle) - LABEL)) height=(px(ROW - 8.0))
+                            fill="var(--band)" fill-opacity="0.28" {}
+                        @for value in values.iter() {
+                            circle.dot cx=(px(at(*value))) cy=(px(top + 7.0)) r="2.4" fill-opacity="0.7" {}
+                        }
+                        text.value x=(px(WIDTH - VALUE + 10.0)) y=(px(top + 12.0)) font-size="12" {
+                            (number(Some(middle)))
+                        }
                     }
                 }
                 @if more > 0 { p.note { (more) " less important groups are not shown." } }

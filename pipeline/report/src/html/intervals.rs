@@ -130,19 +130,27 @@ impl IntervalRow {
         html! {
             figure {
                 h3 { (name) @if unit != "1" { ", " (unit) } }
-                svg.intervals style=(format!("max-width: {}px", px(1.17 * width))) viewBox=(format!("0 0 {} {}", px(width), px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
+                svg.intervals style=(format!("max-width: {}px", px(1.17 * width)))
+                    viewBox=(format!("0 0 {} {}", px(width), px(bottom + BOTTOM))) role="img"
+                    aria-label=(format!("{name}: pooled values with their intervals")) {
                     @for tick in ticks::linear(low, high, 6) {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}
                         text.tick x=(px(at(tick.at))) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) }
                     }
-                    @if let Some(mean) = expected { line.level x1=(px(at(mean))) x2=(px(at(mean))) y1="0" y2=(px(bottom)) {} }
+                    @if let Some(mean) = expected {
+                        line.level x1=(px(at(mean))) x2=(px(at(mean))) y1="0" y2=(px(bottom)) {}
+                    }
                     @for (i, dot) in dots.iter().enumerate() {
                         g.bad[expected.is_some() && self.metric.is_flagged(dot.value)] {
                             title { (dot.words()) }
                             text x=(px(left - 8.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (shortened(&dot.point)) }
-                            @if let Some((low, high)) = dot.interval { line.arm x1=(px(at(low))) x2=(px(at(high))) y1=(px(row(i))) y2=(px(row(i))) {} }
+                            @if let Some((low, high)) = dot.interval {
+                                line.arm x1=(px(at(low))) x2=(px(at(high))) y1=(px(row(i))) y2=(px(row(i))) {}
+                            }
                             circle.dot cx=(px(at(dot.value))) cy=(px(row(i))) r="3.5" {}
-                            text.value x=(px(width - 4.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (number(Some(dot.value))) }
+                            text.value x=(px(width - 4.0)) y=(px(row(i) + 4.0)) text-anchor="end" {
+                                (number(Some(dot.value)))
+                            }
                         }
                     }
                 }

@@ -89,11 +89,13 @@ impl ReportModel {
         html! {
             div.model {
                 h3 { "The model: table " (name) }
-                @if !self.warning.is_empty() { p.warning role="alert" { strong { "This fit is not reliable: " } (self.warning) "." } }
-                p { (self.rows) " samples were used and " (self.left_out) " were excluded. The residual of the \
-                                                                           filtered target has a standard deviation \
-                                                                           of "
-                    (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
+                @if !self.warning.is_empty() {
+                    p.warning role="alert" { strong { "This fit is not reliable: " } (self.warning) "." }
+                }
+                p { (self.rows) " samples were used and " (self.left_out) " were excluded. \
+                    The residual of the filtered target has a standard deviation of "
+                    (number(Some(self.residual_nt))) " nT. The condition number of the matrix is "
+                    strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
                 div.scroll { table.sortable {
                     thead { tr {
                         th scope="col" { button { "term" } }
@@ -162,7 +164,8 @@ impl ReportModelTerm {
             @if widest > 0.0 && self.value.is_finite() && self.sigma.is_finite() {
                 svg.whisker viewBox="0 0 180 14" aria-hidden="true" {
                     line.zero x1="90" x2="90" y1="0" y2="14" {}
-                    line.arm x1=(format!("{:.1}", at(self.value - 2.0 * self.sigma))) x2=(format!("{:.1}", at(self.value + 2.0 * self.sigma))) y1="7" y2="7" {}
+                    line.arm x1=(format!("{:.1}", at(self.value - 2.0 * self.sigma)))
+                        x2=(format!("{:.1}", at(self.value + 2.0 * self.sigma))) y1="7" y2="7" {}
                     circle.dot cx=(format!("{:.1}", at(self.value))) cy="7" r="3" {}
                 }
             }

@@ -86,7 +86,9 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
                     (plan(source))
                     (page_foot(&runs))
                 }
-                @for script in SCRIPTS.iter().filter(|s| has_series || !s.of_series) { script { (PreEscaped(script.text)) } }
+                @for script in SCRIPTS.iter().filter(|s| has_series || !s.of_series) {
+                    script { (PreEscaped(script.text)) }
+                }
             }
         }
     };
@@ -185,8 +187,17 @@ fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outd
                 p { "All other results are computed. The table " code { (plan.spec.name) ".failures" } " lists all of \
                     them." }
                 div.scroll { table {
-                    thead { tr { th scope="col" { "table" } th scope="col" { "why" } th scope="col" { "first at" } th.n scope="col" { "times" } } }
-                    tbody { @for f in failures.iter().take(MOST) { tr { td { (f.stage) } td { (f.error) } td { (f.example) } td.n { (f.times) } } } }
+                    thead {
+                        tr {
+                            th scope="col" { "table" } th scope="col" { "why" } th scope="col" { "first at" }
+                            th.n scope="col" { "times" }
+                        }
+                    }
+                    tbody {
+                        @for f in failures.iter().take(MOST) {
+                            tr { td { (f.stage) } td { (f.error) } td { (f.example) } td.n { (f.times) } }
+                        }
+                    }
                 } }
                 @if failures.len() > MOST { p.note { "and " (failures.len() - MOST) " more reasons" } }
             }
@@ -203,7 +214,12 @@ fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outd
         @if !missing.is_empty() {
             section.trouble id="missing" {
                 h2 { "Results are missing from the store" }
-                p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing" } "." }
+                p {
+                    @for (i, (name, n, all)) in missing.iter().enumerate() {
+                        @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing"
+                    }
+                    "."
+                }
                 @if !failures.is_empty() { p { "Results that depend on a failed result are also missing." } }
             }
         }
@@ -220,7 +236,10 @@ fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
             section.trouble id="warnings" {
                 h2 { (warnings.len()) (if warnings.len() == 1 { " warning" } else { " warnings" }) }
                 @for kind in &kinds {
-                    details { summary { (kind.len()) " × " (kind[0].kind.of_many()) " (" code { (kind[0].kind.as_str()) } ")" }
+                    details {
+                        summary {
+                            (kind.len()) " × " (kind[0].kind.of_many()) " (" code { (kind[0].kind.as_str()) } ")"
+                        }
                         (listed_warnings(&kind[..kind.len().min(MOST)]))
                         @if kind.len() > MOST { p.note { "and " (kind.len() - MOST) " more" } }
                     }
@@ -235,7 +254,12 @@ fn listed_warnings(warnings: &[&Warning]) -> Markup {
     let figure = |w: &Warning, of: Option<f64>| of.map(|value| with_unit(Some(value), w.unit)).unwrap_or_default();
     html! {
         div.scroll { table {
-            thead { tr { @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } } th.n scope="col" { "value" } th.n scope="col" { "limit" } } }
+            thead {
+                tr {
+                    @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } }
+                    th.n scope="col" { "value" } th.n scope="col" { "limit" }
+                }
+            }
             tbody { @for w in warnings { tr data-kind=(w.kind.as_str()) {
                 td { (w.stage) @if !w.place().is_empty() { ": " (w.place()) } }
                 td { (w.text) } td { (w.cause.as_deref().unwrap_or("")) }

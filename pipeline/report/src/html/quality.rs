@@ -63,11 +63,16 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
             h2 { "Quality of the data" }
             p.lead { "The data as read, before any stage. "
                 @if marked == 0 { "No figure is flagged." }
-                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with a " strong { "!" } ". The worst columns are first." }
+                @else {
+                    (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with a "
+                    strong { "!" } ". The worst columns are first."
+                }
             }
             @if unreadable > 0 {
-                p.warning { "The quality measures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
-                    the store are damaged and are not shown. The next run recomputes them." }
+                p.warning {
+                    "The quality measures of " (unreadable) (if unreadable == 1 { " file" } else { " files" })
+                    " in the store are damaged and are not shown. The next run recomputes them."
+                }
             }
             @for picture in pictures { (picture) }
             (clock_table(source, &several, &clocks))
@@ -225,7 +230,10 @@ fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&Qu
         h3.lines { "Clocks" }
         div.scroll.wide { table.sortable.lines {
             thead { tr { (key_heads(several))
-                @for name in ["rate [Hz]", "jitter [s]", "gaps", "missing [s]", "longest gap [s]", "repeated times", "times back", "midnights"] {
+                @for name in [
+                    "rate [Hz]", "jitter [s]", "gaps", "missing [s]", "longest gap [s]", "repeated times", "times back",
+                    "midnights",
+                ] {
                     th.n scope="col" { button { (name) } }
                 }
             } }
@@ -254,7 +262,11 @@ fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&
             (rows(source, several, &marked))
         }
         @if !others.is_empty() {
-            details { summary { (others.len()) @if !marked.is_empty() { " more" } (if others.len() == 1 { " column" } else { " columns" }) ", not flagged" }
+            details {
+                summary {
+                    (others.len()) @if !marked.is_empty() { " more" }
+                    (if others.len() == 1 { " column" } else { " columns" }) ", not flagged"
+                }
                 (rows(source, several, &others))
             }
         }

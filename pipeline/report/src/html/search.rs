@@ -96,8 +96,14 @@ fn drawn(search: &SearchSpec, metric: &Metric, names: &[&str], trials: &[TrialTa
     html! {
         section id="search" {
             h2 { "Search" }
-            p.lead { (many) " trials by " code { (search.named.word()) } " for the best " code { (search.table) "." (search.metric) } "."
-                @if let Some(best) = best { " The best is trial " (best.words.first().map_or("", String::as_str)) ", with " (number(best.goal)) @if metric.unit != "1" { " " (metric.unit) } "." } }
+            p.lead {
+                (many) " trials by " code { (search.named.word()) } " for the best "
+                code { (search.table) "." (search.metric) } "."
+                @if let Some(best) = best {
+                    " The best is trial " (best.words.first().map_or("", String::as_str)) ", with " (number(best.goal))
+                    @if metric.unit != "1" { " " (metric.unit) } "."
+                }
+            }
             div.heat { @for plot in plots { @if let Some(plot) = plot { (plot) } } }
             details { summary { "All trials" }
                 div.scroll.wide { table.sortable.scores {
@@ -108,7 +114,9 @@ fn drawn(search: &SearchSpec, metric: &Metric, names: &[&str], trials: &[TrialTa
                     } }
                     tbody { @for t in trials.iter().take(MOST) {
                         tr.bad[t.state == RungOutcome::Failed.as_str()] {
-                            @for (word, value) in t.words.iter().zip(&t.values) { td data-v=[value.map(|v| v.to_string())] { (shown(word)) } }
+                            @for (word, value) in t.words.iter().zip(&t.values) {
+                                td data-v=[value.map(|v| v.to_string())] { (shown(word)) }
+                            }
                             td.n data-v=[t.goal.map(|v| v.to_string())] { (number(t.goal)) }
                             td { (t.state) }
                         }
@@ -227,8 +235,17 @@ fn by_choice(axis: &SearchAxis, at: usize, trials: &[TrialTableRow]) -> Option<M
         figure {
             h3 { "Goal over " (axis.name) }
             div.scroll { table.scores {
-                thead { tr { th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" } th.n scope="col" { "mean" } } }
-                tbody { @for (word, n, best, mean) in &rows { tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } } } }
+                thead {
+                    tr {
+                        th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" }
+                        th.n scope="col" { "mean" }
+                    }
+                }
+                tbody {
+                    @for (word, n, best, mean) in &rows {
+                        tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } }
+                    }
+                }
             } }
             figcaption { "Trials without a goal are omitted." }
         }

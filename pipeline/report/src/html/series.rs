@@ -330,7 +330,8 @@ fn block(
     let end = |t: Option<&f64>| t.copied().filter(|t| t.is_finite());
     let described = json!({
         "id": id, "table": name, "kind": "samples", "stage": stage, "flight": flight, "line": line,
-        "point": choice.point, "why": choice.why, "rows": table.tt.len(), "thinned": made.is_thinned, "bytes": text.len(),
+        "point": choice.point, "why": choice.why, "rows": table.tt.len(), "thinned": made.is_thinned,
+        "bytes": text.len(),
         "first": end(table.tt.first()), "last": end(table.tt.last()),
         "columns": table.columns.iter().zip(&made.errors).map(column).collect::<Vec<_>>(),
     });

@@ -66,7 +66,9 @@ fn table(board: &ScoreBoard) -> Markup {
                     @if marked { th scope="col" { button { "flagged" } } }
                     @if in_sample { th scope="col" { button { "in sample" } } }
                     @for metric in &board.scores.metrics {
-                        th.n scope="col" { button { (spaced(metric.name)) @if metric.unit != "1" { " [" (metric.unit) "]" } } }
+                        th.n scope="col" {
+                            button { (spaced(metric.name)) @if metric.unit != "1" { " [" (metric.unit) "]" } }
+                        }
                     }
                 } }
                 tbody { @for row in shown(board) {
@@ -74,12 +76,21 @@ fn table(board: &ScoreBoard) -> Markup {
                     @let marks = board.marked(row);
                     tr.bad[marks > 0] {
                         @for word in key { td { (word) } }
-                        @if marked { td data-v=(marks) { @if marks > 0 { (if board.scores.is_cautious(row) { "cautious " } else { "! " }) (marks) " of " (board.scores.lines) } } }
+                        @if marked {
+                            td data-v=(marks) {
+                                @if marks > 0 {
+                                    (if board.scores.is_cautious(row) { "cautious " } else { "! " }) (marks) " of "
+                                    (board.scores.lines)
+                                }
+                            }
+                        }
                         @if in_sample { @let seen = board.scores.in_sample.get(row).cloned().unwrap_or_default();
                             td data-v=(seen.lines) { (seen.lines) " of " (seen.lines + seen.held_out) } }
                         @for (m, value) in values.iter().enumerate() {
                             @let wins = several && best.get(m).copied().flatten() == Some(row);
-                            td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] { (number(*value)) @if board.scores.is_in_sample(row, m) { " ~" } }
+                            td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] {
+                                (number(*value)) @if board.scores.is_in_sample(row, m) { " ~" }
+                            }
                         }
                     }
                 } }
@@ -192,14 +203,20 @@ fn drawn(board: &ScoreBoard, heat: &HeatMap) -> Markup {
             div.scroll { table.heat {
                 thead {
                     tr { td {} th.over colspan=(width) scope="colgroup" { (axis(heat.axes.1)) } }
-                    tr { th.corner scope="col" { (axis(heat.axes.0)) } @for v in &heat.values.1 { th scope="col" { (v) } } }
+                    tr {
+                        th.corner scope="col" { (axis(heat.axes.0)) }
+                        @for v in &heat.values.1 { th scope="col" { (v) } }
+                    }
                 }
                 tbody { @for (v, cells) in heat.values.0.iter().zip(heat.cells.chunks(width.max(1))) {
                     tr { th scope="row" { (v) } @for cell in cells { (tile(board, heat.metric, *cell, (low, high))) } }
                 } }
             } }
             figcaption {
-                @if low <= high { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "." }
+                @if low <= high {
+                    "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to "
+                    (number(Some(high))) " " (unit) "."
+                }
                 @if seen { " Hatched cells with a ~ are in sample and have no colour." }
                 @if marked { " Hatched cells with a ! are flagged and have no colour." }
                 @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." }

@@ -70,15 +70,20 @@ impl Timeline<'_> {
                     }
                     @for (i, lane) in self.lanes.iter().enumerate() {
                         @let y = TOP + LANE * i as f64;
-                        text.name x=(px(LEFT - 8.0)) y=(px(y + 0.5 * LANE + 4.0)) text-anchor="end" { (shortened(&lane.name)) }
+                        text.name x=(px(LEFT - 8.0)) y=(px(y + 0.5 * LANE + 4.0)) text-anchor="end" {
+                            (shortened(&lane.name))
+                        }
                         path.lane d=(bars(&lane.lines, &across, y)) {}
                         path.gap d=(bars(&lane.gaps, &across, y)) {}
                         @for (figure, class, _) in &kinds {
-                            @let parts: Vec<(f64, f64)> = lane.parts.iter().filter(|p| p.0 == *figure).map(|p| (p.1, p.2)).collect();
+                            @let parts: Vec<(f64, f64)> =
+                                lane.parts.iter().filter(|p| p.0 == *figure).map(|p| (p.1, p.2)).collect();
                             @if !parts.is_empty() { path class=(class) d=(bars(&parts, &across, y)) {} }
                         }
                     }
-                    text.name x=(px(0.5 * (LEFT + WIDTH - RIGHT))) y=(px(height - 5.0)) text-anchor="middle" { "time since the start of the flight, min" }
+                    text.name x=(px(0.5 * (LEFT + WIDTH - RIGHT))) y=(px(height - 5.0)) text-anchor="middle" {
+                        "time since the start of the flight, min"
+                    }
                 }
                 @if self.hidden > 0 { figcaption { (self.hidden) " more flagged columns are in the table." } }
             }

@@ -139,7 +139,10 @@ impl ModelCoefficients {
         let single = self.models.len() <= COLUMNS;
         let what = if of.of_rows { "calibrations" } else { "models" };
         Ok(html! {
-            h3 { (title) ": over " (of.axis) ", " (self.models.len()) @if of.all > of.members.len() { " of " (of.all) } " " (what) }
+            h3 {
+                (title) ": over " (of.axis) ", " (self.models.len()) @if of.all > of.members.len() { " of " (of.all) }
+                " " (what)
+            }
             p.lead {
                 "The coefficient of variation is the standard deviation divided by the absolute mean. Averaged over \
                  all terms, it is "

@@ -102,8 +102,8 @@ impl PublishedTableProvider {
         Ok(PublishedTableProvider { schema, source: Arc::new(source) })
     }
 
-    /// The units of a table with columns that pass through, one row per unit: `flight`, `line`, and `axis NAME` for each
-    /// axis. `None` for a table whose files hold all its columns.
+    /// The units of a table with columns that pass through, one row per unit: `flight`, `line`, and `axis NAME` for
+    /// each axis. `None` for a table whose files hold all its columns.
     pub(crate) fn units(&self) -> Option<&RecordBatch> {
         self.source.logical.as_ref().map(|l| &l.units)
     }

@@ -42,7 +42,8 @@ fn pipeline(pipeline: &PublishedPipeline) -> Value {
         })
     });
     json!({
-        "name": name, "version": version.number, "spec": notes.spec, "axes": axes.into_iter().map(axis).collect::<Vec<_>>(),
+        "name": name, "version": version.number, "spec": notes.spec,
+        "axes": axes.into_iter().map(axis).collect::<Vec<_>>(),
         "tables": tables, "sources": sources.collect::<Vec<_>>(),
     })
 }

@@ -126,8 +126,8 @@ impl StoreView {
     /// A band of a map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
     ///
     /// # Errors
-    /// Fails for an unknown table or point, for a table that is not a map, or for a map without this band. Also fails if
-    /// the store is damaged.
+    /// Fails for an unknown table or point, for a table that is not a map, or for a map without this band. Also fails
+    /// if the store is damaged.
     pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>, band: MapBand) -> Result<Value, ViewFault> {
         let pixels = pixels.unwrap_or(PIXELS);
         if !(1..=MOST_PIXELS).contains(&pixels) {

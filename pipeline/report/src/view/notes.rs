@@ -112,8 +112,8 @@ impl PipelineNotes {
         scores.find_map(|t| t.points.truth.as_deref())
     }
 
-    /// The lineage of a table as JSON: the table with all tables and sources upstream of it, as `magline lineage` prints
-    /// them, but without the parameters of each point and with a count of the lines of a source.
+    /// The lineage of a table as JSON: the table with all tables and sources upstream of it, as `magline lineage`
+    /// prints them, but without the parameters of each point and with a count of the lines of a source.
     ///
     /// # Errors
     /// Fails if no stage made the table.
@@ -175,7 +175,8 @@ mod tests {
         let text = r#"{"checksum": "x", "pipeline": "p", "spec": "s.toml", "seed": 1, "sources": [], "tables": [
             {"name": "t", "stage": "fit", "version": 1, "tidy": true, "axes": ["mag", "lambda"], "inputs": ["a"],
              "predicate": null, "columns": [], "lines": 3, "cost": null, "points": [
-             [{"mag": "a", "lambda": "0"}, {"truth": "\"mag_1_c\""}], [{"mag": "b", "lambda": "0"}, {}], [{"mag": "a", "lambda": "1"}, {}]]}]}"#;
+             [{"mag": "a", "lambda": "0"}, {"truth": "\"mag_1_c\""}], [{"mag": "b", "lambda": "0"}, {}],
+             [{"mag": "a", "lambda": "1"}, {}]]}]}"#;
         let check = |text: &str| {
             let notes: PipelineNotes = serde_json::from_str(text).unwrap();
             let points = &notes.table("t").unwrap().points;

@@ -262,7 +262,11 @@ fn failures(found: &BTreeMap<(String, String), (usize, String)>) -> Vec<Value> {
     let mut all: Vec<_> = found.iter().collect();
     all.sort_by(|a, b| b.1.0.cmp(&a.1.0).then(a.0.cmp(b.0)));
     all.truncate(MOST_FAILURES);
-    let one = |((stage, error), (times, example)): (&(String, String), &(usize, String))| json!({ "stage": stage, "error": error, "times": times, "example": example });
+    let one = |((stage, error), (times, example)): (&(String, String), &(usize, String))| {
+        json!({
+            "stage": stage, "error": error, "times": times, "example": example,
+        })
+    };
     all.into_iter().map(one).collect()
 }
 

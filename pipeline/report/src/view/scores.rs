@@ -1,4 +1,5 @@
-//! The scores of a table for the explorer, from the published tables `scores_pooled`, `warnings` and the scores of lines.
+//! The scores of a table for the explorer, from the published tables `scores_pooled`, `warnings` and the scores of
+//! lines.
 
 use std::{collections::HashMap, sync::Arc};
 

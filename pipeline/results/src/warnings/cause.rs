@@ -193,16 +193,16 @@ impl<'a> LineFacts<'a> {
             WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
             WarningKind::Late => self.lag_s().map(|(lag_s, _)| {
                 format!(
-                    "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag of \
-                     this column to {lag_s:.2} in `lag_s` of `resample`, before the calibration; an error of the initial \
-                     position has a similar effect, so check `start` first"
+                    "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag \
+                     of this column to {lag_s:.2} in `lag_s` of `resample`, before the calibration; an error of the \
+                     initial position has a similar effect, so check `start` first"
                 )
             }).into_iter().collect(),
             WarningKind::HeightBias => self.height_bias_m().map(|(bias_m, _)| {
                 format!(
                     "the barometer has a constant error (pressure setting, temperature), the INS or the map lacks the \
-                     height of the geoid, or the map is at another height: add {bias_m:.0} m to `ins_alt` with `derive`, \
-                     or subtract it from `alt_m` of the map"
+                     height of the geoid, or the map is at another height: add {bias_m:.0} m to `ins_alt` with \
+                     `derive`, or subtract it from `alt_m` of the map"
                 )
             }).into_iter().collect(),
             WarningKind::Gnss => {

@@ -23,8 +23,8 @@ pub fn lag_s(sigma_s: f64) -> f64 {
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
 
-/// Limit of the bias between the height of the INS and the height on the map, in metres, for a standard deviation of its
-/// estimate. The weather changes the height of a barometer by less than the smallest limit within an hour.
+/// Limit of the bias between the height of the INS and the height on the map, in metres, for a standard deviation of
+/// its estimate. The weather changes the height of a barometer by less than the smallest limit within an hour.
 pub fn height_bias_m(sigma_m: f64) -> f64 {
     const LEAST_M: f64 = 10.0;
     LEAST_M.max(CONSTANT_SIGMAS * sigma_m)

@@ -99,8 +99,8 @@ fn units(node: &PhysicalExtensionNode) -> Result<()> {
     }
 }
 
-/// Whether each message of an Arrow stream has the length that it declares. The decoder allocates declared lengths, so that
-/// compressed buffers and dictionaries, which magline does not send, are rejected, too.
+/// Whether each message of an Arrow stream has the length that it declares. The decoder allocates declared lengths, so
+/// that compressed buffers and dictionaries, which magline does not send, are rejected, too.
 fn has_declared_lengths(mut stream: &[u8]) -> bool {
     const MARKER: [u8; 4] = [0xff; 4];
     while let Some((first, mut rest)) = stream.split_first_chunk::<4>() {

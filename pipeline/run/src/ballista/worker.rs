@@ -131,8 +131,8 @@ fn short() -> String {
     Uuid::new_v4().simple().to_string().chars().take(8).collect()
 }
 
-/// Executes tasks in `folder` until the end of this worker. `is_lost` returns whether the scheduler has ended since this
-/// worker started.
+/// Executes tasks in `folder` until the end of this worker. `is_lost` returns whether the scheduler has ended since
+/// this worker started.
 fn executed(
     config: &WorkerConfig,
     name: String,

@@ -55,8 +55,8 @@ impl InitText<'_> {
         scalar.or_else(|| all.iter().find(|t| !t.vectors.is_empty())).or_else(|| all.first())
     }
 
-    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position that
-    /// it lacks.
+    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position
+    /// that it lacks.
     fn inputs(&self) -> Vec<&TableFindings> {
         let Some(main) = self.main() else { return vec![] };
         let mut chosen = vec![main];
@@ -110,8 +110,8 @@ impl InitText<'_> {
             text += &self.block(table, inputs.len() > 1);
         }
         if !main.has("year") {
-            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in `time` of \
-                     a mapping.\n";
+            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in \
+                     `time` of a mapping.\n";
         }
         if let Some(map) = &self.map {
             text += &format!("\n[tables.anomaly]\npath = {}\n", quoted(map));
@@ -175,22 +175,13 @@ impl InitText<'_> {
             let condition = format!("flight = '{}' and line = '{}'", sql(flight), sql(line));
             let (low, high) = (0.1_f64.min(0.05 * rate), 0.9_f64.min(0.45 * rate));
             text += &format!(
-                "\n[[stages]]\nname   = \"terms\"\nstage  = \"a_matrix\"\ninput  = \"even\"\nvector = {}\n\n\
-                 # Calibration on the line with the strongest manoeuvres: the field direction changes by {} deg.\n\
-                 # If another line is your calibration figure, change `where`. Without `where`, all lines are used.\n\
-                 [[stages]]\nname    = \"coefficients\"\nstage   = \"fit\"\ninput   = \"terms\"\nwhere   = {}\n\
-                 model   = \"tolles_lawson\"\ntarget  = {}\nlow_hz  = {low:?}\nhigh_hz = {high:?}   # below half of \
-                 the sampling rate\n\n[[stages]]\nname  = \"clean\"\nstage = \"compensate\"\ninput = \"terms\"\n\
-                 model = \"coefficients\"\nmag   = {}\n\n\
-                 # There is no truth, so the ratios include the anomaly. The calibration line is `in_sample`.\n\
-                 [[stages]]\nname    = \"scores\"\nstage   = \"score\"\ninput   = [\"clean\"]\nmetrics = \
-                 [\"std_uncompensated\", \"improvement_ratio\", \"improvement_ratio_band\"]\nlow_hz  = {low:?}\n\
-                 high_hz = {high:?}\n",
-                quoted(vector),
-                number(found.swing_deg),
-                quoted(&condition),
-                quoted(mag),
-                quoted(mag),
+                include_str!("text/scalar_stages.txt"),
+                vector = quoted(vector),
+                swing_deg = number(found.swing_deg),
+                condition = quoted(&condition),
+                mag = quoted(mag),
+                low = low,
+                high = high,
             );
             last = "clean";
         } else {
@@ -199,23 +190,15 @@ impl InitText<'_> {
         }
         let Some(_) = &self.map else { return text };
         text += &format!(
-            "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \"map_value\"\ninput = \
-             \"{last}\"\nmap   = \"anomaly\"\n"
+            "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \"map_value\"\n\
+             input = \"{last}\"\nmap   = \"anomaly\"\n"
         );
         if self.navigates && last == "clean" {
             let others = calibration.filter(|_| main.lines.len() > 1).map(|((_, line), _)| sql(line));
             let condition = others.map_or(String::new(), |line| {
                 format!("where = {}   # not the calibration line\n", quoted(&format!("line <> '{line}'")))
             });
-            text += &format!(
-                "\n# Navigation with the default settings: the noise is estimated from the innovations, and the filter \
-                 starts\n# from the alignment of the INS.\n[[stages]]\nname  = \"track\"\nstage = \
-                 \"navigate\"\ninput = \"clean\"\n{condition}map   = \"anomaly\"\n\n# The true position is the \
-                 position of the log. `nees` should be near 2 and `nis` near 1.\n[[stages]]\nname    = \
-                 \"position\"\nstage   = \"score\"\ninput   = [\"clean\", \"track\"]\nmetrics = [\"drms\", \
-                 \"ins_drms\", \"nees\", \"nis\", \"whiteness\", \
-                 \"correlated_nis\"]\n"
-            );
+            text += &format!(include_str!("text/track_stages.txt"), condition = condition);
         }
         text
     }

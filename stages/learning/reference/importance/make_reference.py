@@ -17,7 +17,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LinearRegression
 
 HERE = Path(__file__).resolve().parent
-SOURCE = f"shap {shap.__version__}, scikit-learn {sklearn.__version__}, scipy {scipy.__version__}, numpy {np.__version__}"
+SOURCE = (f"shap {shap.__version__}, scikit-learn {sklearn.__version__}, scipy {scipy.__version__}, "
+          f"numpy {np.__version__}")
 COMMAND = "python3 stages/learning/reference/importance/make_reference.py"
 EXPLAINED, BACKGROUND, WIDTH = 6, 20, 5
 
@@ -32,7 +33,8 @@ def write(name, **columns):
 
 def model(x):
     """The same function as in the tests."""
-    return 3 * np.tanh(x[:, 0] * x[:, 1] + x[:, 2] * x[:, 3]) + x[:, 2] ** 2 * x[:, 3] - 2 * x[:, 4] + np.sin(x[:, 0] + x[:, 3])
+    pairs = 3 * np.tanh(x[:, 0] * x[:, 1] + x[:, 2] * x[:, 3])
+    return pairs + x[:, 2] ** 2 * x[:, 3] - 2 * x[:, 4] + np.sin(x[:, 0] + x[:, 3])
 
 
 rng = np.random.default_rng(11)

@@ -34,7 +34,8 @@ def predictions(name, a):
 
 def write(name, columns):
     with open(HERE / name, "w") as file:
-        file.write(f"# onnxruntime {onnxruntime.__version__}; python3 stages/learning/reference/network/check_onnx.py\n")
+        file.write(f"# onnxruntime {onnxruntime.__version__}; python3 "
+                   "stages/learning/reference/network/check_onnx.py\n")
         file.write(",".join(columns) + "\n")
         for row in zip(*columns.values(), strict=True):
             file.write(",".join(repr(float(value)) for value in row) + "\n")

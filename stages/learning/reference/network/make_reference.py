@@ -2,8 +2,8 @@
 
     pip install torch numpy && python3 stages/learning/reference/network/make_reference.py
 
-The tests do not run this script; they read the tables in this folder. The initial value of parameter i (from 0) of case k
-is 0.5 sin(0.9 i + k). The order of the samples in an epoch is drawn by SplitMix64, as in Rust.
+The tests do not run this script; they read the tables in this folder. The initial value of parameter i (from 0) of case
+k is 0.5 sin(0.9 i + k). The order of the samples in an epoch is drawn by SplitMix64, as in Rust.
 """
 from pathlib import Path
 
@@ -27,7 +27,8 @@ def write(name, columns):
         file.write(f"# PyTorch {torch.__version__.split('+')[0]}, float64; {COMMAND}\n")
         file.write(",".join(columns) + "\n")
         for row in range(longest):
-            file.write(",".join(repr(float(column[row])) if row < len(column) else "nan" for column in columns.values()) + "\n")
+            file.write(",".join(repr(float(column[row])) if row < len(column) else "nan" for column in columns.values())
+                       + "\n")
 
 
 class Model(nn.Module):
@@ -61,7 +62,8 @@ class Model(nn.Module):
 
 
 class Windowed(nn.Module):
-    """Memory layers over windows of 4 samples before a dense network; parameters in the order of `WindowedNetworkShape` in Rust."""
+    """Memory layers over windows of 4 samples before a dense network; parameters in the order of `WindowedNetworkShape`
+    in Rust."""
 
     def __init__(self, memory, form, case):
         super().__init__()
@@ -71,7 +73,8 @@ class Windowed(nn.Module):
             return torch.tensor([next(given) for _ in range(int(np.prod(shape)))]).reshape(shape)
 
         if memory == "tcn":
-            self.body = nn.ModuleList([nn.Conv1d(INPUTS, self.units, 2, dilation=1), nn.Conv1d(self.units, self.units, 2, dilation=2)])
+            self.body = nn.ModuleList([nn.Conv1d(INPUTS, self.units, 2, dilation=1),
+                                       nn.Conv1d(self.units, self.units, 2, dilation=2)])
         else:
             self.body = {"gru": nn.GRU, "lstm": nn.LSTM}[memory](INPUTS, self.units, batch_first=True)
         with torch.no_grad():
@@ -138,7 +141,8 @@ def main():
     rng = np.random.default_rng(4)
     x = np.round(rng.normal(size=(ROWS, INPUTS)), 4)
     a = np.round(rng.normal(size=(ROWS, LINEAR)), 4)
-    y = np.round(np.sin(x[:, 0]) + 0.3 * x[:, 1] * x[:, 2] + a @ [0.5, -0.2, 0.1] + 0.1 * rng.standard_t(2, size=ROWS), 4)
+    y = np.round(np.sin(x[:, 0]) + 0.3 * x[:, 1] * x[:, 2] + a @ [0.5, -0.2, 0.1] + 0.1 * rng.standard_t(2, size=ROWS),
+                 4)
     columns = {f"x{j}": x[:, j] for j in range(INPUTS)} | {f"a{j}": a[:, j] for j in range(LINEAR)} | {"y": y}
     write("samples.csv", columns)
     x, a, y = torch.tensor(x), torch.tensor(a), torch.tensor(y)
@@ -148,7 +152,8 @@ def main():
         for activation in ACTIVATIONS:
             for hidden in HIDDEN:
                 with torch.no_grad():
-                    predictions[f"{form} {activation} {len(hidden)}"] = Model(form, activation, hidden, case)(x, a)[:8].numpy()
+                    model = Model(form, activation, hidden, case)
+                    predictions[f"{form} {activation} {len(hidden)}"] = model(x, a)[:8].numpy()
                 case += 1
     write("predictions.csv", predictions)
 
@@ -195,8 +200,10 @@ def main():
             "absolute": run("m1", [5, 9, 3], nn.L1Loss(), adam),
             "lasso": run("m2d", [6], nn.MSELoss(), adam, sparse_group_lasso),
             "physics": run("m2c", [6], nn.MSELoss(), adam, lambda _, out, a: 0.8 * ((out - a @ fixed) ** 2).mean()),
-            "cosine": run("m2b", [6], nn.MSELoss(), adam, scheduler=lambda o: torch.optim.lr_scheduler.CosineAnnealingLR(o, 5, 0.002)),
-            "steps": run("m2b", [6], nn.MSELoss(), adam, scheduler=lambda o: torch.optim.lr_scheduler.StepLR(o, 2, 0.5)),
+            "cosine": run("m2b", [6], nn.MSELoss(), adam,
+                          scheduler=lambda o: torch.optim.lr_scheduler.CosineAnnealingLR(o, 5, 0.002)),
+            "steps": run("m2b", [6], nn.MSELoss(), adam,
+                         scheduler=lambda o: torch.optim.lr_scheduler.StepLR(o, 2, 0.5)),
         },
     )
 
@@ -216,10 +223,13 @@ def main():
     write("windowed.csv", columns)
 
     lbfgs = {}
-    for name, form, hidden in [("linear", "m2c", []), ("m1", "m1", [1]), ("m2a", "m2a", [1]), ("m2b", "m2b", [1]), ("m2c", "m2c", [2])]:
+    for name, form, hidden in [("linear", "m2c", []), ("m1", "m1", [1]), ("m2a", "m2a", [1]), ("m2b", "m2b", [1]),
+                               ("m2c", "m2c", [2])]:
         model = Model(form, "tanh", hidden, 0)
-        options = dict(lr=1.0, history_size=10, line_search_fn="strong_wolfe", tolerance_grad=1e-11, tolerance_change=0.0)
-        optimiser = torch.optim.LBFGS([p for p in model.parameters() if p.requires_grad], max_iter=3000, max_eval=100_000, **options)
+        options = dict(lr=1.0, history_size=10, line_search_fn="strong_wolfe", tolerance_grad=1e-11,
+                       tolerance_change=0.0)
+        optimiser = torch.optim.LBFGS([p for p in model.parameters() if p.requires_grad], max_iter=3000,
+                                      max_eval=100_000, **options)
 
         def closure():
             optimiser.zero_grad()

@@ -4,8 +4,8 @@
 
 The tests do not run this script; they read the tables in this folder. The field is computed from vectors, not from
 Tolles-Lawson terms, and gradients are complex-step derivatives, not derived formulas. The initial value of parameter i
-(from 0) of case k is 0.5 sin(0.9 i + k). The inputs and the target are those of samples.csv. The order of the samples in
-an epoch is drawn by SplitMix64, as in Rust.
+(from 0) of case k is 0.5 sin(0.9 i + k). The inputs and the target are those of samples.csv. The order of the samples
+in an epoch is drawn by SplitMix64, as in Rust.
 """
 from pathlib import Path
 
@@ -20,7 +20,8 @@ RUNS = [20, 3, 22]
 HIDDEN = {"m3tl": [], "m3s": [6], "m3v": [7, 4], "m3w": [4], "m3tf": []}
 # The transformer of m3tf: units of a sample, and heads.
 UNITS, HEADS = 6, 2
-ENCODER = [(UNITS, INPUTS), (UNITS,), (WINDOW, UNITS), *4 * [(UNITS, UNITS)], (UNITS,), (UNITS,), (UNITS, UNITS), *3 * [(UNITS,)]]
+ENCODER = [(UNITS, INPUTS), (UNITS,), (WINDOW, UNITS), *4 * [(UNITS, UNITS)], (UNITS,), (UNITS,), (UNITS, UNITS),
+           *3 * [(UNITS,)]]
 
 
 def write(name, columns):
@@ -98,7 +99,8 @@ def predict(model, coupling, w, x, field_nt, change_nt, terms, network=True):
         # A network that is off has only the bias of its scalar output, which is the constant.
         out = 0 * out + (layers[-1][1] if model != "m3v" else 0)
     b = b * TARGET_SCALE_NT
-    induced = np.array([[b[3], b[4] / 2, b[5] / 2], [b[4] / 2, b[6], b[7] / 2], [b[5] / 2, b[7] / 2, b[8]]]) / BT_SCALE_NT
+    induced = np.array([[b[3], b[4] / 2, b[5] / 2], [b[4] / 2, b[6], b[7] / 2],
+                        [b[5] / 2, b[7] / 2, b[8]]]) / BT_SCALE_NT
     v = b[:3] + field_nt @ induced
     if terms == 18:
         v = v + change_nt @ (b[9:].reshape(3, 3) / BT_SCALE_NT).T
@@ -190,7 +192,8 @@ def main():
     x = np.column_stack([table[f"x{j}"] for j in range(INPUTS)])
     y = table["y"]
     t = np.arange(ROWS)
-    field_nt = np.column_stack([30_000 * np.sin(0.31 * t), 21_000 * np.cos(0.53 * t + 1), 44_000 + 3_000 * np.sin(0.9 * t)])
+    field_nt = np.column_stack([30_000 * np.sin(0.31 * t), 21_000 * np.cos(0.53 * t + 1),
+                                44_000 + 3_000 * np.sin(0.9 * t)])
     change_nt = np.column_stack([2_000 * np.sin(0.7 * t), -900 * np.cos(0.4 * t), 500 * np.sin(1.1 * t + 2)])
     field_nt, change_nt = np.round(field_nt, 3), np.round(change_nt, 3)
     vectors = [("bx", field_nt[:, 0]), ("by", field_nt[:, 1]), ("bz", field_nt[:, 2])]

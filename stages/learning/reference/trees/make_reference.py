@@ -41,7 +41,8 @@ def few_values():
     y = 3 * np.sin(2 * x[:, 0]) + 0.3 * x[:, 1] * x[:, 2] + np.abs(x[:, 3]) * 0.05 - 2 * (x[:, 4] > 0)
     y = np.round(y + 0.3 * rng.normal(size=n) + 100, 3)
     first = model(learning_rate=0.1, max_iter=40, max_leaf_nodes=8, min_samples_leaf=5)
-    second = model(learning_rate=0.3, max_iter=15, max_leaf_nodes=31, max_depth=3, min_samples_leaf=10, l2_regularization=4.0)
+    second = model(learning_rate=0.3, max_iter=15, max_leaf_nodes=31, max_depth=3, min_samples_leaf=10,
+                   l2_regularization=4.0)
     columns = {f"x{j}": x[:, j] for j in range(5)}
     write("few_values.csv", **columns, y=y, leaves=first.fit(x, y).predict(x), depth=second.fit(x, y).predict(x))
 
@@ -49,7 +50,8 @@ def few_values():
 def waves(first, last):
     """The same numbers as in the tests: columns of many distinct values and a target that is not a sum of functions."""
     k = np.arange(first, last)
-    x = np.column_stack([np.sin(k * (0.013 + 0.0171 * j) + 0.37 * j) + 0.2 * np.sin(k * (1.7 + 0.31 * j)) for j in range(8)])
+    x = np.column_stack([np.sin(k * (0.013 + 0.0171 * j) + 0.37 * j) + 0.2 * np.sin(k * (1.7 + 0.31 * j))
+                         for j in range(8)])
     y = 10 * x[:, 0] * x[:, 1] + 5 * np.tanh(3 * x[:, 2]) + 4 * np.abs(x[:, 3]) + x[:, 4] + 0.5 * np.sin(k * k * 0.37)
     return x, y
 

@@ -28,11 +28,6 @@ pub struct ElementaryEffects {
 }
 
 impl ElementaryEffects {
-    /// Mean effect μ. Effects of opposite signs cancel. (MagNav.jl's `eval_gsa` returns this mean.)
-    pub fn mean(&self) -> f64 {
-        self.effects.iter().sum::<f64>() / self.effects.len() as f64
-    }
-
     /// Mean absolute effect μ* [Campolongo, Cariboni & Saltelli 2007].
     pub fn mean_absolute(&self) -> f64 {
         self.effects.iter().map(|effect| effect.abs()).sum::<f64>() / self.effects.len() as f64

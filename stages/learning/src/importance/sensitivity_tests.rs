@@ -11,6 +11,11 @@ const RANGES: [[f64; 2]; 3] = [[-PI, PI]; 3];
 const A: f64 = 7.0;
 const B: f64 = 0.1;
 
+/// Mean effect μ. Effects of opposite signs cancel. (MagNav.jl's `eval_gsa` returns this mean.)
+fn mean(found: &ElementaryEffects) -> f64 {
+    found.effects.iter().sum::<f64>() / found.effects.len() as f64
+}
+
 /// sin x₁ + 7 sin² x₂ + 0.1 x₃⁴ sin x₁ [Ishigami & Homma 1990].
 fn ishigami(rows: &[f64]) -> Result<Vec<f64>, Infallible> {
     let of = |x: &[f64]| x[0].sin() + A * x[1].sin().powi(2) + B * x[2].powi(4) * x[0].sin();
@@ -45,7 +50,7 @@ fn val_elementary_effects_agree_with_salib() {
         let points = unit(&matrix(&sample, &["x1", "x2", "x3"]));
         let found = elementary_effects::<Infallible>(&points, &sample["y"], &single(3), 4).unwrap();
         for (input, found) in found.iter().enumerate() {
-            assert_close(found.mean(), expected["mu"][input], "mu");
+            assert_close(mean(found), expected["mu"][input], "mu");
             assert_close(found.mean_absolute(), expected["mu_star"][input], "mu_star");
             assert_close(found.deviation(), expected["sigma"][input], "sigma");
         }
@@ -134,7 +139,7 @@ fn law_elementary_effects_of_a_linear_model_are_its_coefficients_times_the_range
         let design = MorrisDesign { trajectories: 10, levels, seed: 1 };
         let found = morris(&linear, &ranges, &single(4), &design).unwrap();
         for (found, expected) in found.iter().zip([6.0, -3.0, 0.5, 0.0_f64]) {
-            assert_close(found.mean(), expected, "mean");
+            assert_close(mean(found), expected, "mean");
             assert_close(found.mean_absolute(), expected.abs(), "mean absolute");
             assert!(found.deviation() < 1e-12 && found.error() < 1e-12);
             assert_eq!(found.effects.len(), 10);

@@ -37,27 +37,7 @@ pub fn train(
     validation: Option<&NetworkSamples<'_>>,
     each: &mut EpochCallback<'_>,
 ) -> Result<TrainingResult, TrainingError> {
-    alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
-}
-
-/// Trains a network over windows, in the same way as [`train`]. Each epoch predicts every sample of the runs once, from
-/// the window that ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout
-/// also to the features.
-///
-/// # Errors
-/// Fails in the cases of [`train`]. Also fails if the lengths of the runs do not add up to the number of samples.
-pub fn train_windowed(
-    network: &WindowedNetworkShape,
-    start: TrainingState,
-    training: &NetworkTraining,
-    runs: &SampleRuns<'_>,
-    validation: Option<&SampleRuns<'_>>,
-    each: &mut EpochCallback<'_>,
-) -> Result<TrainingResult, TrainingError> {
-    alone(TrainingJob::windowed(network, start, training, runs, validation, Box::new(each))?)
-}
-
-fn alone(mut job: TrainingJob<'_>) -> Result<TrainingResult, TrainingError> {
+    let mut job = TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?;
     run(&mut [&mut job]);
     job.trained()
 }
@@ -123,10 +103,13 @@ impl<'a> TrainingJob<'a> {
         Self::from_architecture(shape.into(), start, training, (samples, vec![]), validation, each)
     }
 
-    /// Training job of a network over windows; see [`train_windowed`].
+    /// Training job of a network over windows. Each epoch predicts every sample of the runs once, from the window that
+    /// ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout also to the
+    /// features.
     ///
     /// # Errors
-    /// Returns the errors of [`train_windowed`], except errors that occur during training.
+    /// Returns the errors of [`train`], except errors that occur during training. Also fails if the lengths of the runs
+    /// do not add up to the number of samples.
     pub fn windowed(
         network: &'a WindowedNetworkShape,
         start: TrainingState,

@@ -106,8 +106,9 @@ impl VectorFrame {
         tolles_lawson_fields(&self.rows(terms, b.len()), b)
     }
 
-    /// Vectors of the permanent, induced and eddy-current field of rows of terms with the coefficients `b`: nine numbers
-    /// per row in the axes of the terms, in the scale of the target. Their sum is the vector v without a network.
+    /// Vectors of the permanent, induced and eddy-current field of rows of terms with the coefficients `b`: nine
+    /// numbers per row in the axes of the terms, in the scale of the target. Their sum is the vector v without a
+    /// network.
     pub fn vectors(&self, terms: &[f64], b: &[f64]) -> Vec<[f64; 9]> {
         let coefficients = VectorCoefficients::new(b);
         let times = |m: &[[f64; 3]; 3], x: [f64; 3]| m.map(|row| dot(&row, &x));

@@ -3,6 +3,7 @@ use std::ops::ControlFlow;
 use super::objective::{BatchRows, TrainingObjective};
 use super::tests::{Table, columns, near};
 use super::windowed::NetworkArchitecture;
+use super::windowed_tests::train_windowed;
 use super::*;
 
 const FORMS: [NetworkForm; 3] = [NetworkForm::VectorOnly, NetworkForm::VectorScalar, NetworkForm::VectorNetwork];

@@ -18,6 +18,19 @@ fn network(memory: MemoryLayers, form: NetworkForm, inputs: usize, linear: usize
     WindowedNetworkShape { memory, inputs, window: 4, heads, units, head }
 }
 
+/// Trains one network over windows.
+pub(super) fn train_windowed(
+    network: &WindowedNetworkShape,
+    start: TrainingState,
+    training: &NetworkTraining,
+    runs: &SampleRuns<'_>,
+    validation: Option<&SampleRuns<'_>>,
+    each: &mut EpochCallback<'_>,
+) -> Result<TrainingResult, TrainingError> {
+    let job = TrainingJob::windowed(network, start, training, runs, validation, Box::new(each));
+    train_together(vec![job]).remove(0)
+}
+
 fn waves(count: usize, case: usize) -> Vec<f64> {
     (0..count).map(|i| 0.5 * (0.9 * i as f64 + case as f64).sin()).collect()
 }

@@ -2,9 +2,9 @@
 
     python3 stages/numerics/reference/core_field/make_exact.py > stages/numerics/reference/core_field/wmm2025_exact.csv
 
-The official high-precision values agree with this sum in the east component to their last digit, but differ in the north
-component by up to 0.0007 nT without a pattern (as one-sided numerical derivatives of the Legendre functions would); down
-is touched through the turn from the sphere to the ellipsoid (0.000002 nT).
+The official high-precision values agree with this sum in the east component to their last digit, but differ in the
+north component by up to 0.0007 nT without a pattern (as one-sided numerical derivatives of the Legendre functions
+would); down is touched through the turn from the sphere to the ellipsoid (0.000002 nT).
 """
 
 import math

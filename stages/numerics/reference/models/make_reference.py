@@ -54,7 +54,8 @@ def elastic_net(a, y, groups):
     for l1_ratio in (0.2, 0.5, 0.99):
         for alpha in (0.05, 0.5, 5.0):
             for intercept in (0, 1):
-                fit = ElasticNet(alpha=alpha, l1_ratio=l1_ratio, fit_intercept=bool(intercept), tol=1e-14, max_iter=1000000)
+                fit = ElasticNet(alpha=alpha, l1_ratio=l1_ratio, fit_intercept=bool(intercept), tol=1e-14,
+                                 max_iter=1000000)
                 fit.fit(a, y)
                 rows.append([l1_ratio, alpha, intercept, fit.intercept_, *fit.coef_])
     names = ["l1_ratio", "alpha", "centred", "intercept", *NAMES]
@@ -65,7 +66,8 @@ def elastic_net(a, y, groups):
           alpha=alphas, **dict(zip(NAMES, coefs)))
     folds = list(LeaveOneGroupOut().split(a, y, groups))
     cv = ElasticNetCV(l1_ratio=0.7, alphas=10, eps=1e-3, cv=folds, tol=1e-14, max_iter=1000000).fit(a, y)
-    write("enet_cv.csv", f"{SKLEARN}, ElasticNetCV leaving one line out, l1_ratio 0.7; chosen alpha {float(cv.alpha_)!r}",
+    write("enet_cv.csv",
+          f"{SKLEARN}, ElasticNetCV leaving one line out, l1_ratio 0.7; chosen alpha {float(cv.alpha_)!r}",
           alpha=cv.alphas_, **{f"line{k}": cv.mse_path_[:, k] for k in range(4)})
 
 
@@ -81,7 +83,8 @@ def pls(a, y0, y1, groups):
     names = ["targets", "components", "target", "intercept", *NAMES]
     write("pls.csv", f"{SKLEARN}, PLSRegression(scale=True)", **dict(zip(names, np.transpose(rows))))
     folds = list(LeaveOneGroupOut().split(a, y0, groups))
-    scores = [-cross_val_score(PLSRegression(k), a, y0, cv=folds, scoring="neg_mean_squared_error") for k in range(1, P + 1)]
+    scores = [-cross_val_score(PLSRegression(k), a, y0, cv=folds, scoring="neg_mean_squared_error")
+              for k in range(1, P + 1)]
     write("pls_cv.csv", f"{SKLEARN}, PLSRegression leaving one line out", components=range(1, P + 1),
           **{f"line{k}": np.array(scores)[:, k] for k in range(4)})
 
@@ -143,12 +146,14 @@ def robust(a, y):
     rows.append([2, nu, 0.0, np.exp(theta[-1]), theta[0] - coef @ center, *coef])
     names = ["kind", "tuning", "penalty", "scale", "intercept", *NAMES]
     source = (f"{SKLEARN}, statsmodels {statsmodels.__version__}, scipy {scipy.__version__}; "
-              "kind 0 the minimum of HuberRegressor's objective, from its solution by BFGS, 1 RLM HuberT with MAD, 2 Student-t likelihood by BFGS")
+              "kind 0 the minimum of HuberRegressor's objective, from its solution by BFGS, 1 RLM HuberT with MAD, 2 "
+              "Student-t likelihood by BFGS")
     write("robust.csv", source, **dict(zip(names, np.transpose(rows))))
 
 
 def choice(a, y0, y, groups):
-    """What is chosen among lambdas, by explicit formulas: each line left out whole, and generalised cross-validation."""
+    """What is chosen among lambdas, by explicit formulas: each line left out whole, and generalised
+    cross-validation."""
     alphas = np.geomspace(50.0, 0.005, 9)
     lambdas = np.geomspace(1e4, 1e-4, 9)
     folds = list(LeaveOneGroupOut().split(a, y, groups))
@@ -163,8 +168,10 @@ def choice(a, y0, y, groups):
         hat = z @ np.linalg.solve(z.T @ z + lam * np.eye(P), z.T) + 1 / len(y)
         left = y0 - hat @ y0
         cv.append(len(y0) * left @ left / np.trace(np.eye(len(y0)) - hat) ** 2)
-    write("choice.csv", f"{SKLEARN}, ElasticNet (l1_ratio 0.7) of y1 leaving one line out, the variance of its errors and the "
-          f"mean squares of ElasticNetCV; generalised cross-validation of Ridge of y0 on standardised terms (n - 1) from the hat matrix",
+    write("choice.csv",
+          f"{SKLEARN}, ElasticNet (l1_ratio 0.7) of y1 leaving one line out, the variance of its errors and the "
+          "mean squares of ElasticNetCV; generalised cross-validation of Ridge of y0 on standardised terms (n - 1) "
+          "from the hat matrix",
           alpha=alphas, **{f"line{k}": np.array(error)[:, k] for k in range(4)}, mean_square=net.mse_path_.mean(1),
           **{"lambda": lambdas}, gcv=cv)
 

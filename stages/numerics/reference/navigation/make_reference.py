@@ -73,7 +73,8 @@ def pinson(lat, v, f, euler, taus):
 
 # Sizes that make unlike states comparable (metres, metres per 30 s, ...): the exponential of the
 # balanced matrix is accurate in every element, that of the plain one only in its largest.
-SCALE = np.array([6.4e6, 6.4e6, 1.0] + [30.0] * 3 + [9.8 * 30**2] * 3 + [30.0**2] * 3 + [9.8 * 30**3] * 3 + [1.0, 900.0, 1.0])
+SCALE = np.array([6.4e6, 6.4e6, 1.0] + [30.0] * 3 + [9.8 * 30**2] * 3 + [30.0**2] * 3 + [9.8 * 30**3] * 3
+                 + [1.0, 900.0, 1.0])
 
 
 def exponential(f, dt):

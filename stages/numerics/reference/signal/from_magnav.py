@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-SOURCE = "# MagNav.jl 1.3.3 (golden case `{}`); python3 stages/numerics/reference/signal/from_magnav.py magnav_golden.json\n"
+SOURCE = ("# MagNav.jl 1.3.3 (golden case `{}`); "
+          "python3 stages/numerics/reference/signal/from_magnav.py magnav_golden.json\n")
 CASES = {
     "bpf_default": "magnav_bpf_default.csv",
     "lpf_0.2": "magnav_lpf_02.csv",

@@ -41,7 +41,8 @@ params! {
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
     /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice it exceeds the tilt
     /// errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
-    init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error", rule Rule::NotNegative;
+    init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error",
+        rule Rule::NotNegative;
     /// Velocity random walk (square root of the spectral density).
     vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
     /// Angular random walk (square root of the spectral density).

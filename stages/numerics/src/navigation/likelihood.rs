@@ -22,7 +22,8 @@
 //! increases the likelihood by more than a threshold. Likewise, a constant error of the height on the map becomes a
 //! state if the map changes with height.
 //!
-//! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
+//! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their
+//! prior.
 
 mod aircraft;
 mod constant;

@@ -11,7 +11,8 @@
 //! A measurement z at position x and time t, on line l of a flight, is
 //!
 //! ```text
-//! z = m(x) + μ + S(t) + c_l + e,    m ~ GP(0, k),    S ~ GP(0, σ_S² exp(−|t − t'|/τ)),    c_l ~ N(0, σ_c²),    e ~ N(0, v)
+//! z = m(x) + μ + S(t) + c_l + e
+//! m ~ GP(0, k),    S ~ GP(0, σ_S² exp(−|t − t'|/τ)),    c_l ~ N(0, σ_c²),    e ~ N(0, v)
 //! ```
 //!
 //! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. The covariances of all pairs of

@@ -31,7 +31,9 @@ params! {
     /// A network and its training.
     pub struct NetworkKeys;
     /// Number of units in each hidden layer, for up to three layers.
-    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`, the layers of that network", rule Rule::Between(1.0, 1000.0);
+    hidden: Option<Vec<usize>>, unit "1",
+        absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`, the \
+                layers of that network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
     activation: ActivationFunction, unit "", default ActivationFunction::Swish;
     /// Inputs of the network: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;

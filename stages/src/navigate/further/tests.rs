@@ -4,7 +4,8 @@ use arrow_array::RecordBatch;
 
 const FILTERS: [&str; 3] = ["ekf", "iekf", "ukf"];
 const GRADIENT: &str = "map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']\n\
-                        gradient_baseline_m = [15.0, 0.0, 0.0]\ngradient_sigma_nt = 0.03\ngradient_bias_sigma_nt = 0.1\n";
+                        gradient_baseline_m = [15.0, 0.0, 0.0]\ngradient_sigma_nt = 0.03\n\
+                        gradient_bias_sigma_nt = 0.1\n";
 
 /// Common error of both magnetometers, in nT.
 fn storm_nt(row: usize) -> f64 {

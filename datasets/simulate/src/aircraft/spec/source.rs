@@ -132,7 +132,8 @@ params! {
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Field of each electric current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
     /// direction is drawn. The field of `wires` is added.
-    currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
+    currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`",
+        rule Rule::Finite;
 }
 
 pub(super) fn source(s: &SynthSection, keys: AircraftFieldKeys, currents: &[Current]) -> AircraftFieldSpec {

@@ -37,7 +37,8 @@ const EDDY: &str = "[[vector_magnetometers]]\nname = 'flux_a'\n[[vector_magnetom
                     eddy = [[0.03, 0.01, 0.0], [0.0, 0.02, -0.01], [0.005, 0.0, 0.03]]\n\
                     [[magnetometers]]\nname = 'mag_1_c'\n[[magnetometers]]\nname = 'mag_2_uc'\n\
                     eddy = [[0.03, 0.01, 0.0], [0.0, 0.02, -0.01], [0.005, 0.0, 0.03]]\n\
-                    [[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.5, 0.5]\nfull_dps = 30.0\non_a = 6.0\n";
+                    [[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.5, 0.5]\nfull_dps = 30.0\n\
+                    on_a = 6.0\n";
 
 #[test]
 fn law_the_eddy_field_does_not_depend_on_the_sample_rate() {
@@ -144,7 +145,8 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
 /// field, in nT.
 fn left_nt(rate_hz: f64) -> (f64, f64) {
     let sensors = "[[vector_magnetometers]]\nname = 'flux_a'\n[[magnetometers]]\nname = 'mag_1_c'\n\
-                   [[magnetometers]]\nname = 'mag_2_uc'\neddy = [[1e-4, 2e-5, 0.0], [0.0, 2e-4, 5e-5], [3e-5, 0.0, 1e-4]]\n";
+                   [[magnetometers]]\nname = 'mag_2_uc'\neddy = [[1e-4, 2e-5, 0.0], [0.0, 2e-4, 5e-5], [3e-5, 0.0, \
+                   1e-4]]\n";
     let line = &lines_of(&format!("rate_hz = {rate_hz}"), sensors, SURVEY)[0];
     let [x, y, z] = ["x", "y", "z"].map(|a| column(line, &format!("flux_a_{a}")));
     let terms = TermSelection::new(&["eddy"]).unwrap();

@@ -42,12 +42,14 @@ fn law_currents_switch_between_their_levels() {
 fn law_currents_follow_their_schedules() {
     let currents = "[[currents]]\nname = 'cur_s'\nkind = 'schedule'\nschedule = [[10.0, 20.0], [50.0, 60.0]]\n\
                     ramp_s = 4.0\noff_a = 1.0\non_a = 5.0\n\
-                    [[currents]]\nname = 'cur_p'\nkind = 'periodic'\nevery_s = 1.5\nfor_s = 0.3\non_a = 2.0\nscale = 1.1\n\
+                    [[currents]]\nname = 'cur_p'\nkind = 'periodic'\nevery_s = 1.5\nfor_s = 0.3\non_a = 2.0\n\
+                    scale = 1.1\n\
                     [[currents]]\nname = 'cur_h'\nkind = 'heater'\non_a = 7.0\nkeep_degc = 30.0\nwarm_tau_s = 40.0\n\
                     [[currents]]\nname = 'cur_e'\nkind = 'engine'\non_a = 100.0\ncruise = 0.4\nper_load = 0.0\n\
                     [[currents]]\nname = 'cur_n'\nkind = 'steady'\non_a = 1.0\nmeasured = false\n\
                     [[voltages]]\nname = 'vol_b'\nvolts = 24.0\nohm = { cur_e = 0.05, cur_n = 1.0 }\n\
-                    discharge_v_per_h = 36.0\n[[inputs]]\nname = 'throttle'\nkind = 'current'\nof = 'cur_e'\ngain = 100.0\n";
+                    discharge_v_per_h = 36.0\n[[inputs]]\nname = 'throttle'\nkind = 'current'\nof = 'cur_e'\n\
+                    gain = 100.0\n";
     let line = &lines_of("", currents, SURVEY)[0];
     let c = |name: &str| column(line, name);
     for (t, a) in
@@ -69,7 +71,8 @@ fn law_currents_follow_their_schedules() {
 
 #[test]
 fn law_servos_follow_the_attitude() {
-    let current = "[[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.0, 0.0]\nfull_dps = 30.0\non_a = 6.0\nsigned = true\n";
+    let current = "[[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.0, 0.0]\nfull_dps = 30.0\non_a = 6.0\n\
+                   signed = true\n";
     let line = &lines_of("", current, SURVEY)[0];
     let angle = |name: &str, i: usize| column(line, name)[i].to_radians();
     let roll = column(line, "roll");

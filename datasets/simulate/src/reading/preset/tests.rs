@@ -51,7 +51,8 @@ fn unit_the_spec_overrides_its_preset() {
     let plain = read("preset = 'cessna'", "").unwrap();
     let spec = read(
         "preset = 'cessna'\nrate_hz = 20.0\nwithout = ['mag_5_uc', 'cur_tank']",
-        "[ins]\ninit_position_sigma_m = 50.0\n[[magnetometers]]\nname = 'mag_4_uc'\nnoise_nt = 7.0\npermanent_nt = 5.0\n\
+        "[ins]\ninit_position_sigma_m = 50.0\n[[magnetometers]]\nname = 'mag_4_uc'\nnoise_nt = 7.0\n\
+         permanent_nt = 5.0\n\
          [[magnetometers]]\nname = 'mag_9_uc'\n[[currents]]\nname = 'cur_strb'\nkind = 'steady'\non_a = 2.0\n\
          [[currents]]\nname = 'cur_flap'\non_a = 30.0\n",
     )

@@ -234,8 +234,8 @@ class AgainstView {
     const unequal = m < 0 ? 0 : count((row) => pair.reason(m, row) !== "");
     const parts = [`Scores of ${run(a)} and ${run(b)}: ${block.points} shared points.`];
     if (m >= 0 && block.points) {
-      parts.push(`${pair.label(m)}: run ${b.number} is better at ${count((r) => pair.better(m, r) === 1)} and worse at ` +
-        `${count((r) => pair.better(m, r) === 0)} of them.`);
+      parts.push(`${pair.label(m)}: run ${b.number} is better at ${count((r) => pair.better(m, r) === 1)} and worse ` +
+        `at ${count((r) => pair.better(m, r) === 0)} of them.`);
       if (unequal) parts.push(`${unequal} are not on equal rows and are never marked as better.`);
     }
     if (block.omitted.length) parts.push(`Shown are ${block.omitted.join("; ")}.`);
@@ -273,20 +273,22 @@ class AgainstView {
         element("td", { class: "paired" }, [pairedWords(pair.paired(m, row))]),
         element("td", {}, [element("bdi", {}, [reason ? visible(reason) : "equal"])])]);
     });
-    const head = (/** @type {string} */ text, n = true) => element("th", { scope: "col", class: n ? "n" : null }, [text]);
+    const head = (/** @type {string} */ text, n = true) =>
+      element("th", { scope: "col", class: n ? "n" : null }, [text]);
     const heads = [...pair.varying.map((x) => head(block.axes[x].name, false)), head(`run ${a.number}`),
       head(`run ${b.number}`), head("difference"), head("change"), head("line by line", false),
       head("rows", false)];
     const has = block.sides.some((s) => s.low[m].some((v) => v !== null));
     return element("div", {}, [element("p", { class: "note against-title" },
-      [`${pair.label(m)}: ${block.metrics[m].meaning}`]), element("div", { class: "scroll frame-scroll", tabindex: 0, role: "region",
-      "aria-label": `Scores of both runs: ${pair.label(m)}` }, [element("table", { class: "against" }, [
+      [`${pair.label(m)}: ${block.metrics[m].meaning}`]), element("div", { class: "scroll frame-scroll", tabindex: 0,
+      role: "region", "aria-label": `Scores of both runs: ${pair.label(m)}` }, [element("table", { class: "against" }, [
       element("thead", {}, [element("tr", {}, heads)]), element("tbody", {}, body)])]),
     element("p", { class: "note" }, ["\u2605 marks the better run. Marked are only values of the same held-out lines " +
       "with the same data and numbers of samples, from the same stage of scores, without flagged lines. \u2260 marks " +
-      `values of other rows, whose difference is no improvement or loss. ${PAIRED_NOTE}` + (has ? " In parentheses: confidence " +
-      "interval of the stage summary." : "") + (order.length > MOST_COMPARED ? ` The first ${MOST_COMPARED} of ` +
-      `${order.length} points are listed; the CSV file has all.` : "")])]);
+      `values of other rows, whose difference is no improvement or loss. ${PAIRED_NOTE}` +
+      (has ? " In parentheses: confidence interval of the stage summary." : "") +
+      (order.length > MOST_COMPARED ? ` The first ${MOST_COMPARED} of ${order.length} points are ` +
+      "listed; the CSV file has all." : "")])]);
   }
 
   /** What changed between the runs. @param {RunPair} pair */

@@ -16,7 +16,8 @@ async function coastOf(source, { west, east, south, north }) {
     return JSON.parse(document.querySelector("#series script.coast")?.textContent ?? "[]");
   }
   // A diverged estimate may be anywhere.
-  const degrees = (/** @type {number} */ v, /** @type {number} */ most) => Math.min(most, Math.max(-most, v)).toFixed(3);
+  const degrees = (/** @type {number} */ v, /** @type {number} */ most) =>
+    Math.min(most, Math.max(-most, v)).toFixed(3);
   const query = { west: degrees(west, 360), east: degrees(east, 360), south: degrees(south, 90),
     north: degrees(north, 90) };
   if (!(Number(query.west) < Number(query.east) && Number(query.south) < Number(query.north))) return [];

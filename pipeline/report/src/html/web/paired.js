@@ -58,7 +58,8 @@ function pairedWords(d) {
   return `${short(d.mean)}${interval}; lower on ${d.lower} of ${d.lines} ${d.lines === 1 ? "line" : "lines"}`;
 }
 
-/** Differences of two points on the lines that both have. Lines that are in sample at only one of the two points are omitted.
+/** Differences of two points on the lines that both have. Lines that are in sample at only one of the two points are
+ * omitted.
  * @param {ScoreBlock} block @param {number} m @param {number} a @param {number} b @returns {number[]} */
 function pairedLines({ lines: own }, m, a, b) {
   const column = own?.metrics.indexOf(m) ?? -1;

@@ -13,7 +13,8 @@ const PROFILE_PX = 260, FAR_M = 5000;
 /** A position in words. @param {Position} at */
 function placeText([lat, lon]) { return `${lat.toFixed(5)}\u00b0, ${lon.toFixed(5)}\u00b0`; }
 
-/** Figure of a profile. @param {MapProfile} profile @param {number} width @param {(at: Position | null) => void} hover */
+/** Figure of a profile.
+ * @param {MapProfile} profile @param {number} width @param {(at: Position | null) => void} hover */
 function profileFigure(profile, width, hover) {
   const { distance_m: along, value, lat, lon, unit, table } = profile, last = along.length - 1;
   const far = along[last] > FAR_M, scale = far ? 1000 : 1, long = far ? "km" : "m";
@@ -53,7 +54,7 @@ function profileFigure(profile, width, hover) {
     ...along.map((d, i) => csvRow([d, lat[i], lon[i], value[i]]))].join("\n") + "\n";
   const missing = along.length - profile.known;
   return element("figure", { class: "live profile" }, [svg, read, element("figcaption", {}, [`From ` +
-    `${placeText([lat[0], lon[0]])} to ${placeText([lat[last], lon[last]])}: ${short(along[last] / scale)} ${long} on ` +
-    `the ellipsoid. Bilinear between the nodes of the map.` + (missing ? ` ${missing} of ${along.length} samples are ` +
-    "off the map or at unknown nodes." : "")]), downloads(svg, `${table}_profile`, csv)]);
+    `${placeText([lat[0], lon[0]])} to ${placeText([lat[last], lon[last]])}: ${short(along[last] / scale)} ${long} ` +
+    `on the ellipsoid. Bilinear between the nodes of the map.` + (missing ? ` ${missing} of ${along.length} samples ` +
+    "are off the map or at unknown nodes." : "")]), downloads(svg, `${table}_profile`, csv)]);
 }

@@ -12,7 +12,8 @@
 
 const SPECTRUM_PX = 330, LARGEST_SEGMENT = 12, STEP_SHARE = 0.01, GAP_SHARE = 1.5;
 
-/** Transform of a sequence whose length is a power of two, in place. @param {Float64Array} re @param {Float64Array} im */
+/** Transform of a sequence whose length is a power of two, in place.
+ * @param {Float64Array} re @param {Float64Array} im */
 function transform(re, im) {
   const n = re.length;
   for (let i = 1, k = 0; i < n; i++) {

@@ -40,8 +40,8 @@ impl InitText<'_> {
         needs.into_iter().filter(|(there, _)| !there).map(|(_, need)| need).collect()
     }
 
-    /// Name and text of a table with the two halves of the only line of a log, without the time on the ground; `None` for
-    /// a short log and for several lines.
+    /// Name and text of a table with the two halves of the only line of a log, without the time on the ground; `None`
+    /// for a short log and for several lines.
     pub fn halves(&self, stem: &str) -> Option<(String, String)> {
         self.vector_only()?;
         let inputs = self.inputs();
@@ -82,14 +82,15 @@ impl InitText<'_> {
         };
         let mut text =
             "\n# There is no scalar magnetometer. The magnitude of the vector magnetometer is compensated, with the \
-                        core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor \
-                        reproduce its\n# magnitude exactly, so they are not used.\n"
+             core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor reproduce its\n\
+             # magnitude exactly, so they are not used.\n"
                 .to_owned();
         let mut last = "even";
         if above_sea {
-            text += "\n# The height is above sea level; the core field needs the height above the ellipsoid. The difference \
-                     of at most\n# 110 m changes the core field by at most 4 nT.\n[[stages]]\nname    = \"height\"\nstage   = \
-                     \"derive\"\ninput   = \"even\"\ncolumns = { alt = \"msl\" }\nunits   = { alt = \"m\" }\n";
+            text += "\n# The height is above sea level; the core field needs the height above the ellipsoid. The \
+                     difference of at most\n# 110 m changes the core field by at most 4 nT.\n[[stages]]\n\
+                     name    = \"height\"\nstage   = \"derive\"\ninput   = \"even\"\ncolumns = { alt = \"msl\" }\n\
+                     units   = { alt = \"m\" }\n";
             last = "height";
         }
         let (vector, magnitude) = (quoted(&vector), quoted(&format!("{vector}_t")));
@@ -99,18 +100,12 @@ impl InitText<'_> {
             (String::new(), "all lines, so that its scores are `in_sample`")
         };
         text += &format!(
-            "\n[[stages]]\nname     = \"core\"\nstage    = \"core_field\"\ninput    = \"{last}\"\nattitude = \"ins\"\n\n\
-             [[stages]]\nname   = \"total\"\nstage  = \"magnitude\"\ninput  = \"core\"\nvector = {vector}\n\n\
-             [[stages]]\nname           = \"residual\"\nstage          = \"target\"\ninput          = \"total\"\nkind           = \
-             \"e\"\nmag            = {magnitude}\nremove_diurnal = false   # add the record of an observatory with the stage \
-             `diurnal`\n\n[[stages]]\nname     = \"terms\"\nstage    = \"features\"\ninput    = \"residual\"\nfeatures = \
-             [{core}]\n\n# Calibrated on {of_half}.\n[[stages]]\nname     = \
-             \"coefficients\"\nstage    = \"fit\"\ninput    = \"terms\"\n{condition}model    = \"tolles_lawson\"\nlambda   = \
-             0.0\ntarget   = \"target\"\nfeatures = [\"features\"]\nlow_hz   = 0.0\nhigh_hz  = 0.0\ntrim     = 0\n\n\
-             [[stages]]\nname  = \"clean\"\nstage = \"compensate\"\ninput = \"terms\"\nmodel = \"coefficients\"\nmag   = \
-             {magnitude}\n\n# The reference is the core field, so the errors include the anomaly.\n[[stages]]\nname    = \
-             \"scores\"\nstage   = \"score\"\ninput   = [\"clean\"]\ntruth   = \"igrf\"\nmetrics = [\"std_uncompensated\", \
-             \"std_error\", \"improvement_ratio\"]\n",
+            include_str!("vector_stages.txt"),
+            last = last,
+            vector = vector,
+            magnitude = magnitude,
+            condition = condition,
+            of_half = of_half,
             core = quoted(&format!("core_{}", vector.trim_matches('"'))),
         );
         text

@@ -73,8 +73,8 @@ fn all(mut bench: Command) -> Result<(), Failure> {
                 let BenchResult { clock_ms, processors_ms, loss, .. } = case;
                 let (clock, processors) = (clock_ms / base[0], processors_ms / base[1]);
                 println!(
-                    "{framework} {precision}, {threads} threads: {clock_ms:.1} ms, {processors_ms:.1} ms; {clock:.1} and \
-                     {processors:.1} times magline; loss {loss:.5}"
+                    "{framework} {precision}, {threads} threads: {clock_ms:.1} ms, {processors_ms:.1} ms; {clock:.1} \
+                     and {processors:.1} times magline; loss {loss:.5}"
                 );
                 losses.push(*loss);
             }

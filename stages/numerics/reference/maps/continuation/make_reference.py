@@ -37,10 +37,12 @@ def sources(rng):
     points += [(west, south, 40.0), (east, north, top - 600.0), (0.0, south, top + 10.0), (0.0, north + 1.0, top)]
     points += [(west - 30.0, south, top), (east + 700.0, north, bottom), (10.0, 20.0, top), (10.0, 20.0, top + 1e-6)]
     e, n, u = np.array(points).T
-    dipole = hm.dipole_magnetic((e, n, u), tuple(np.array([x]) for x in DIPOLE[0]), tuple(np.array([x]) for x in DIPOLE[1]), field="b")
+    dipole = hm.dipole_magnetic((e, n, u), tuple(np.array([x]) for x in DIPOLE[0]),
+                                tuple(np.array([x]) for x in DIPOLE[1]), field="b")
     prism = hm.prism_magnetic((e, n, u), np.array([PRISM[0]]), tuple(np.array([x]) for x in PRISM[1]), field="b")
     names = ("east", "north", "up")
-    columns = {f"dipole_{name}": b for name, b in zip(names, dipole)} | {f"prism_{name}": b for name, b in zip(names, prism)}
+    columns = {f"dipole_{name}": b for name, b in zip(names, dipole)}
+    columns |= {f"prism_{name}": b for name, b in zip(names, prism)}
     write("sources.csv", east_m=e, north_m=n, up_m=u, **columns)
 
 

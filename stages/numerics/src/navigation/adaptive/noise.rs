@@ -122,8 +122,8 @@ impl NoiseEstimator {
         self.adapted.sigma_nt.push(f64::NAN);
     }
 
-    /// Adds the innovation of a reading, if usable, to `fusion` with the noise estimated before it, and updates the noise
-    /// estimate. `predicted_nt2` is H P Hᵀ.
+    /// Adds the innovation of a reading, if usable, to `fusion` with the noise estimated before it, and updates the
+    /// noise estimate. `predicted_nt2` is H P Hᵀ.
     pub(super) fn innovate(
         &mut self,
         reading: Reading,

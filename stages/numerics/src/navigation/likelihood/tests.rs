@@ -334,8 +334,8 @@ fn law_more_measurements_are_used_only_if_their_errors_are_independent() {
         let series = flight.ins.series();
         let mut normals = NormalGenerator::new(200 + seed);
         let mut own = [0.0; 2];
-        // Errors of about 8 nT with a period of 6.3 s, like those of a compensation in manoeuvres. A Gauss-Markov process
-        // does not describe them, and the estimate at 10 s counts them as white.
+        // Errors of about 8 nT with a period of 6.3 s, like those of a compensation in manoeuvres. A Gauss-Markov
+        // process does not describe them, and the estimate at 10 s counts them as white.
         let mut coloured = |nt: &f64| {
             let next = 2.0 * 0.97 * (std::f64::consts::TAU / 6.3).cos() * own[0] - 0.97 * 0.97 * own[1];
             own = [next + 2.3 * normals.draw(), own[0]];

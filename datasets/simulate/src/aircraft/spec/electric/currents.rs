@@ -113,7 +113,8 @@ impl SynthVariantValue for CurrentControl {
 
 variant! {
     /// Switches on and off at random, with exponentially distributed durations.
-    SWITCHED: CurrentControl = "switched", |keys| CurrentControl::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
+    SWITCHED: CurrentControl = "switched",
+        |keys| CurrentControl::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
     struct SwitchedKeys;
     /// Mean duration of the off state.
     mean_off_s: f64, unit "s", default 20.0, rule Rule::Positive;

@@ -51,7 +51,8 @@ fn law_the_downward_error_is_the_amplified_noise_and_the_damped_field() {
                 let known = power.downward_error_nt(down_m, MAGNAV_ALPHA_M2, Some(noise_nt));
                 let found = power.downward_error_nt(down_m, MAGNAV_ALPHA_M2, None);
                 println!(
-                    "{scene:?} {seed}, {from_m} m down {down_m} m, noise {noise_nt} nT: error {truth:.2} nT, known {known:.2}, found {found:.2}"
+                    "{scene:?} {seed}, {from_m} m down {down_m} m, noise {noise_nt} nT: error {truth:.2} nT, known \
+                     {known:.2}, found {found:.2}"
                 );
                 // Noise that cannot be distinguished from the field past the edges is fully amplified: an upper bound.
                 assert!((0.5 * truth..2.5 * truth + 0.3).contains(&known) || noise_nt == 0.0, "{known} {truth}");

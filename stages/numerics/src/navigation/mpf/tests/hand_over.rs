@@ -78,7 +78,8 @@ fn law_a_located_start_of_kilometres_equals_a_known_start() {
     println!("handed over after {} to {} s; at most {wide} particles", rows[0], rows[rows.len() - 1]);
     println!("DRMS {:.1} m, NEES {:.2}; known start {:.1} m, {:.2}", ours.0.sqrt(), ours.1, known.0.sqrt(), known.1);
     println!("lost: {lost}");
-    // Over these strong anomalies the particles keep a wrong mode on some flights; the Kalman filter alone loses 19 of 20.
+    // Over these strong anomalies the particles keep a wrong mode on some flights; the Kalman filter alone loses 19 of
+    // 20.
     assert!(lost <= 8, "{lost}");
     assert!(ours.0.sqrt() < 1.2 * known.0.sqrt(), "{ours:?} {known:?}");
     // 2 for a consistent filter. The errors of a flight are correlated over minutes, so 20 flights have about 40

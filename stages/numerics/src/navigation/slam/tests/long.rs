@@ -158,7 +158,8 @@ fn law_a_second_aircraft_navigates_on_the_map_of_the_first() {
     };
     let (on_truth, on_drawn) = (drms(&truth, 1.0), drms(&drawn, 6.0));
     println!(
-        "second aircraft: INS {:.0} m, on the true map {on_truth:.1} m (sigma 6: {:.1} m), on the drawn {on_drawn:.1} m",
+        "second aircraft: INS {:.0} m, on the true map {on_truth:.1} m (sigma 6: {:.1} m), on the drawn {on_drawn:.1} \
+         m",
         second.drms_m(None),
         drms(&truth, 6.0)
     );

@@ -14,8 +14,8 @@ const QUIET: GriddingProgress = &|_, _, _| {};
 
 fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
     columns(match name {
-        "points" => include_str!("../../../../reference/maps/gridding/points.csv"),
-        _ => include_str!("../../../../reference/maps/gridding/nodes.csv"),
+        "points" => include_str!("../../../reference/maps/gridding/points.csv"),
+        _ => include_str!("../../../reference/maps/gridding/nodes.csv"),
     })
 }
 
