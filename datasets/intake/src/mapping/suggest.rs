@@ -230,8 +230,8 @@ fn table(
         RepeatedTimes::Some => text += "drop_repeated = true   # some rows repeat the time of the previous row\n",
         RepeatedTimes::AtRate(rate_hz) => {
             text += &format!(
-                "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at this \
-                 rate\n"
+                "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at \
+                 this rate\n"
             );
         }
     }

@@ -241,8 +241,8 @@ fn vector(
                     .map_or(String::new(), |(unit, factor)| format!("; in {unit} it would be {:.0} nT", size * factor));
                 let unit = declared.unwrap_or_default();
                 return left(format!(
-                    "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set its \
-                     `unit`"
+                    "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set \
+                     its `unit`"
                 ));
             }
             (Some(unit), _) => (unit, "its unit is in the file".to_owned()),

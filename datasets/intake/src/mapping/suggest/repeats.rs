@@ -37,8 +37,8 @@ impl RepeatedTimes {
     }
 }
 
-/// Rate at which the rows of one time are before the next time, if most times have about as many rows. The first and the
-/// last time may have fewer.
+/// Rate, in Hz, at which all rows of a time are before the next time, if most times have about as many rows. The first
+/// and the last time may have fewer rows.
 fn rate_hz(times_s: &[f64]) -> Option<f64> {
     let mut runs: Vec<(f64, f64)> = vec![];
     for time in times_s {
