@@ -105,9 +105,10 @@ def ekf(
 
     The map is linearised at the estimated position of each sample.
 
-    With `tuning = "auto"` the innovation variance includes the map's curvature over the
-    position's uncertainty, by second-order divided differences [Nørgaard, Poulsen & Ravn 2000].
-    Without it, the first updates after a coarse start reduce the covariance too far.
+    With `tuning = "auto"` the innovation variance includes the effect of the map's curvature
+    within the position uncertainty, from second-order divided differences [Nørgaard, Poulsen &
+    Ravn 2000]. Without this term, the first updates after a coarse start reduce the covariance
+    too far.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def ekf(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -157,29 +158,30 @@ def ekf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -190,23 +192,24 @@ def ekf(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -214,9 +217,9 @@ def ekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -225,29 +228,29 @@ def ekf(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -280,135 +283,138 @@ def ekf(
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -433,8 +439,8 @@ def ekf(
 
     References
     ----------
-    Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise
-    discretised.
+    Gnadt 2022, section 5.3, with discretised process noise. F and H are verified by finite
+    differences.
 
     Examples
     --------
@@ -540,10 +546,10 @@ def iekf(
 ) -> Track:
     """The 18-state iterated extended Kalman filter.
 
-    At each sample it repeats the linearisation of the map at each new estimate until it finds
-    the most probable state. If the position error is not small compared with the wavelengths of
-    the map, the single linearisation of `ekf` is inaccurate and overconfident. This filter
-    tolerates errors several times as large and takes little more time.
+    At each sample, it linearises the map again at each new estimate until it finds the most
+    probable state. If the position error is not small compared with the wavelengths of the map,
+    the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
+    errors several times as large as `ekf` does, and takes little more time.
 
     A step that would make the state less probable is halved. With `iterations = 1` the filter
     is `ekf`.
@@ -583,7 +589,7 @@ def iekf(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -596,29 +602,30 @@ def iekf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -629,23 +636,24 @@ def iekf(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -653,9 +661,9 @@ def iekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -664,29 +672,29 @@ def iekf(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -717,143 +725,146 @@ def iekf(
         Maximum number of linearisations of the map per sample. Allowed: 1 to 1000. Default:
         `5`.
     tolerance_m : float, optional
-        Position change of an iteration step below which the iteration ends. Unit: m. Allowed:
-        above 0. Default: `0.1`.
+        Position change per iteration below which the iteration ends. Unit: m. Allowed: above 0.
+        Default: `0.1`.
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -983,16 +994,17 @@ def ukf(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """The unscented Kalman filter on the states of `ekf`.
+    """The unscented Kalman filter with the states of `ekf`.
 
-    Instead of linearising the map at the estimated position, the filter fits it by regression
-    over the position's uncertainty, from seven map values per sample. If the map is linear over
-    that uncertainty, the filter equals the EKF. Otherwise it treats the nonlinearity of the map
-    as noise. Use it if the position uncertainty exceeds the node spacing of the map.
+    Instead of linearising the map at the estimated position, the filter fits a linear function
+    to the map over the position uncertainty, from seven map values per sample. If the map is
+    linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity
+    of the map as noise. Use `ukf` if the position uncertainty exceeds the node spacing of the
+    map.
 
-    Where an outer point is off the map, the map is linearised at the estimated position.
+    If an outer sigma point is off the map, the map is linearised at the estimated position.
     `sd_nonlinear` is the part of the innovation's standard deviation due to the nonlinearity of
-    the map; NaN where it is not computed.
+    the map; it is NaN where it is not computed.
 
     Parameters
     ----------
@@ -1029,7 +1041,7 @@ def ukf(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -1042,29 +1054,30 @@ def ukf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -1075,23 +1088,24 @@ def ukf(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1099,9 +1113,9 @@ def ukf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -1110,29 +1124,29 @@ def ukf(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -1164,149 +1178,152 @@ def ukf(
         Default: `1.0`.
     beta : float, optional
         Parameter of the central sigma point, whose weight in the covariance exceeds its weight
-        in the mean by 1 - alpha² + beta; at least -alpha² kappa/3. Averaged over directions,
-        the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of the true
-        variance. The filter is therefore cautious with a beta of 2. Allowed: finite. Default:
-        `2.0`.
+        in the mean by 1 - alpha² + beta. The minimum is -alpha² kappa/3. Averaged over
+        directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of
+        the true variance. With a beta of 2, the filter is therefore cautious. Allowed: finite.
+        Default: `2.0`.
     kappa : float, optional
         Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from
-        the centre; above -3. With 0 the gain is exact to the fourth moment of a normal
-        distribution. Allowed: finite. Default: `0.0`.
+        the centre. It must be above -3. With 0, the gain is exact to the fourth moment of a
+        normal distribution. Allowed: finite. Default: `0.0`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -1439,24 +1456,24 @@ def ekf_adaptive(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """The extended Kalman filter of `ekf` that estimates its measurement noise from its
-    innovations.
+    """The filter `ekf`, with measurement noise estimated from the innovations.
 
     Use it for a measurement whose noise is unknown or changes. With an assumed noise ten times
     too small or too large, a filter loses more than half of its accuracy; an adaptive filter
     loses a few percent. If the noise is known, `ekf` is simpler and as accurate. The filter
-    distinguishes noise from map errors only within the bounds.
+    cannot separate noise from map errors, so `sigma_min_nt` and `sigma_max_nt` bound its
+    estimate.
 
-    `sigma_adapted` is the assumed noise of the sample's measurement. It starts at
+    `sigma_adapted` is the assumed measurement noise of the sample. It starts at
     `measurement_sigma_nt` and is estimated from the window before the sample. With several
-    magnetometers, each has its column `sigma_adapted_<mag>`, and a magnetometer loses weight
+    magnetometers, each has its column `sigma_adapted_<mag>`, and a magnetometer has less weight
     when its noise increases.
 
     `noise_column` holds the noise that a network or an ensemble predicts for each sample. With
-    it the filter estimates one scale factor and keeps the predicted variation over time. If the
-    position error dominates the innovations, as after an inaccurate start or a noisy period,
-    they contain little information on the noise. The default `form` then changes the noise
-    little; the other forms drive it to one of the bounds.
+    this key, the filter estimates one scale factor and keeps the predicted variation over time.
+    If the position error dominates the innovations, as after an inaccurate start or a noisy
+    period, they contain little information on the noise. The default `form` then changes the
+    noise little; the other forms drive it to one of the bounds.
 
     Parameters
     ----------
@@ -1493,7 +1510,7 @@ def ekf_adaptive(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -1506,29 +1523,30 @@ def ekf_adaptive(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -1539,23 +1557,24 @@ def ekf_adaptive(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1563,9 +1582,9 @@ def ekf_adaptive(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -1574,29 +1593,29 @@ def ekf_adaptive(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -1624,12 +1643,12 @@ def ekf_adaptive(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     adapt : {"r", "q", "both"}, optional
-        Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both. Default:
-        `"r"`.
+        Noise that is estimated: measurement noise (`"r"`), process noise (`"q"`), or both.
+        Default: `"r"`.
     window : int, optional
-        Number of past innovations in the estimate. With 50 innovations the noise is accurate to
-        10 %; with 10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and
-        `"compatible"` occasionally estimate a noise near 0. The filter is then far
+        Number of past innovations in the estimate. With 50 innovations, the noise is accurate
+        to 10 %; with 10, as in MagNav.jl, to 20 %. With 10 innovations, the forms `"matched"`
+        and `"compatible"` occasionally estimate a noise near 0. The filter is then strongly
         overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
         Default: `50`.
     sigma_min_nt : float, optional
@@ -1650,137 +1669,140 @@ def ekf_adaptive(
         Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
         gate; `tuning = "auto"` rejects outliers before the filter.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -1922,12 +1944,12 @@ def ekf_online_tl(
     flat_over_m: float | None = None,
 ) -> Track:
     """The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each
-    magnetometer as further states.
+    magnetometer as additional states.
 
     `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
 
-    Use it if the calibration is old, from another aircraft, or absent, and the line has
-    manoeuvres. On a straight line at constant attitude the aircraft field is a constant, and
+    Use it if the line has manoeuvres, and the calibration is old, comes from another aircraft,
+    or is missing. On a straight line at constant attitude the aircraft field is a constant, and
     only the prior separates it from the map. A constant among the terms (`bias`) absorbs the
     constant that map and compensation leave undetermined, so `offset_window_s` is not needed.
 
@@ -1981,7 +2003,7 @@ def ekf_online_tl(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -1994,29 +2016,30 @@ def ekf_online_tl(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -2027,23 +2050,24 @@ def ekf_online_tl(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2051,9 +2075,9 @@ def ekf_online_tl(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -2062,29 +2086,29 @@ def ekf_online_tl(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -2113,64 +2137,64 @@ def ekf_online_tl(
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     walk_per_hour : float, optional
         Random walk of a coefficient: its standard deviation after one hour, divided by its
-        prior standard deviation. With 0 the coefficients are constants. The wide prior of a
-        cold start does not describe changes in flight. Allowed: 0 or above. Unset: 0.1 with
-        `model`, else 0.0.
+        prior standard deviation. With 0 the coefficients are constants. In a cold start the
+        default is 0, because the wide prior does not describe changes in flight. Allowed: 0 or
+        above. Unset: 0.1 with `model`, else 0.0.
     flux_bias_sigma_nt : float, optional
-        Standard deviation of a bias of each axis of `vector`, from which the terms are
-        computed. If set, the bias is estimated. Unit: nT. Allowed: above 0. Unset: `vector` is
-        exact.
+        Standard deviation of the bias of each axis of `vector`, from which the terms are
+        computed. If set, these biases are estimated. Unit: nT. Allowed: above 0. Unset:
+        `vector` is exact.
     flux_bias_tau_s : float, optional
-        Time constant of that bias. Unit: s. Allowed: above 0. Unset: the bias is constant.
+        Time constant of these biases. Unit: s. Allowed: above 0. Unset: the bias is constant.
     bt_scale_nt : float, optional
-        Field scale of the terms, as in the `a_matrix` that made them. Unit: nT. Allowed: above
-        0. Default: `50000.0`.
+        Field scale of the terms, as in the `a_matrix` stage that computes them. Unit: nT.
+        Allowed: above 0. Default: `50000.0`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
         Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     terms : str, optional
         List column of the terms, as made by `a_matrix`. Default: `"tl"`.
     permanent_sigma_nt : float, optional
         Standard deviation of the zero-mean prior of a permanent coefficient, unless `model`
         supplies a prior. Unit: nT. Allowed: above 0. Default: `2000.0`.
     induced_sigma_nt : float, optional
-        Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
-        Unit: nT. Allowed: above 0. Default: `1000.0`.
+        Standard deviation of the zero-mean prior of an induced coefficient, unless `model`
+        supplies a prior. Unit: nT. Allowed: above 0. Default: `1000.0`.
     eddy_sigma_nt_s : float, optional
         Prior standard deviation of an eddy coefficient. Its term is the change of the field
         from sample to sample divided by the scale. The value is multiplied by the sample rate
@@ -2179,119 +2203,122 @@ def ekf_online_tl(
         Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
         `500.0`.
     input_sigma_nt : float, optional
-        Prior standard deviation of any other term, such as a current, in nT per unit of its
-        column. A current loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed:
-        above 0. Default: `20.0`.
+        Prior standard deviation of any other term, such as an electric current, in nT per unit
+        of its column. A current loop in the cabin causes a few nT per ampere. Unit: nT.
+        Allowed: above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
         Prior standard deviation of each harmonic of the magnetometer's heading error: the
-        first, second and fourth harmonic of the angle between its axis and the field,
+        first, second and fourth harmonics of the angle between its axis and the field,
         `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
         Unset: the heading error is not estimated.
     prior_factor : float, optional
-        Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit; with several they are the scatter between the
+        Factor on the prior standard deviations from `model`. For one calibration, these are the
+        standard deviations of its fit. For several, they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
-        manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
-        / 6. Allowed: above 0. Default: `1.0`.
+        fit to the rate of the line. At rates below about 5 Hz, the differences are inaccurate
+        in manoeuvres. They underestimate a change at frequency f by the fraction (2 pi f /
+        rate)^2 / 6. Allowed: above 0. Default: `1.0`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -2439,20 +2466,20 @@ def fixed_lag(
 ) -> Track:
     """A smoother over sliding windows that estimates the aircraft field while it navigates.
 
-    It has the 18 states of `ekf`, the coefficients of the line's A-matrix, and a first-order
-    Gauss-Markov error of the magnetometer. It can start cold with an uncompensated
+    Its states are the 18 states of `ekf`, the coefficients for the line's A-matrix, and a
+    first-order Gauss-Markov error of the magnetometer. It can start cold with an uncompensated
     magnetometer: while the INS is accurate to metres at the start of the line, the map
     determines the coefficients.
 
     Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map.
-    It passes the filtered covariance of INS states and coefficients to the next window. Between
-    the ends of windows a filter continues from the last window; its innovations give `residual`
-    and `nis`, one per `measurement_interval_s`. With `lag_s = 0.0` the track corresponds to
-    real-time navigation.
+    Each window passes the filtered covariance of INS states and coefficients to the next
+    window. Between the ends of windows, a filter continues from the last window. Its
+    innovations give one `residual` and one `nis` per `measurement_interval_s`. With `lag_s =
+    0.0` the track corresponds to real-time navigation.
 
     `fogm_sigma_nt` describes the temporal variation common to all magnetometers.
     `aircraft_sigma_nt` describes the residual of the linear aircraft model. Without
-    `aircraft_sigma_nt`, filters on cabin magnetometers are overconfident.
+    `aircraft_sigma_nt`, filters that use cabin magnetometers are overconfident.
 
     Parameters
     ----------
@@ -2496,7 +2523,7 @@ def fixed_lag(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -2509,29 +2536,30 @@ def fixed_lag(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -2542,23 +2570,24 @@ def fixed_lag(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2566,9 +2595,9 @@ def fixed_lag(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -2577,29 +2606,29 @@ def fixed_lag(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -2632,16 +2661,16 @@ def fixed_lag(
         Fraction of a window that the next window shares: windows end every `window_s` (1 -
         `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
     lag_s : float, optional
-        Delay of the estimate: a sample's estimate uses measurements up to this time after the
-        sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Delay of the estimate, which uses measurements up to this time after the sample. 0 gives
+        real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_interval_s : float, optional
         Interval over which measurements are averaged into one. 0 uses every sample. Unit: s.
         Allowed: 0 or above. Default: `1.0`.
     loss : {"none", "huber", "cauchy"}, optional
         Loss function of a residual: quadratic, or robust to outliers. Default: `"none"`.
     loss_scale : float, optional
-        Residual above which a robust `loss` departs from the quadratic, in standard deviations
-        of the measurement. Allowed: above 0. Default: `2.5`.
+        Residual above which a robust `loss` departs from the quadratic loss, in standard
+        deviations of the measurement. Allowed: above 0. Default: `2.5`.
     iterations : int, optional
         Maximum number of iterations per window. Default: `15`.
     aircraft_sigma_nt : float, optional
@@ -2655,16 +2684,16 @@ def fixed_lag(
         Random walk of every coefficient in one hour, as a fraction of its prior standard
         deviation; 0 for constant coefficients. Allowed: 0 or above. Default: `0.0`.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     terms : str, optional
         List column of the terms, as made by `a_matrix`. Default: `"tl"`.
     permanent_sigma_nt : float, optional
         Standard deviation of the zero-mean prior of a permanent coefficient, unless `model`
         supplies a prior. Unit: nT. Allowed: above 0. Default: `2000.0`.
     induced_sigma_nt : float, optional
-        Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
-        Unit: nT. Allowed: above 0. Default: `1000.0`.
+        Standard deviation of the zero-mean prior of an induced coefficient, unless `model`
+        supplies a prior. Unit: nT. Allowed: above 0. Default: `1000.0`.
     eddy_sigma_nt_s : float, optional
         Prior standard deviation of an eddy coefficient. Its term is the change of the field
         from sample to sample divided by the scale. The value is multiplied by the sample rate
@@ -2673,148 +2702,151 @@ def fixed_lag(
         Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
         `500.0`.
     input_sigma_nt : float, optional
-        Prior standard deviation of any other term, such as a current, in nT per unit of its
-        column. A current loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed:
-        above 0. Default: `20.0`.
+        Prior standard deviation of any other term, such as an electric current, in nT per unit
+        of its column. A current loop in the cabin causes a few nT per ampere. Unit: nT.
+        Allowed: above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
         Prior standard deviation of each harmonic of the magnetometer's heading error: the
-        first, second and fourth harmonic of the angle between its axis and the field,
+        first, second and fourth harmonics of the angle between its axis and the field,
         `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
         Unset: the heading error is not estimated.
     prior_factor : float, optional
-        Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit; with several they are the scatter between the
+        Factor on the prior standard deviations from `model`. For one calibration, these are the
+        standard deviations of its fit. For several, they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
-        manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
-        / 6. Allowed: above 0. Default: `1.0`.
+        fit to the rate of the line. At rates below about 5 Hz, the differences are inaccurate
+        in manoeuvres. They underestimate a change at frequency f by the fraction (2 pi f /
+        rate)^2 / 6. Allowed: above 0. Default: `1.0`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -2946,24 +2978,23 @@ def rts(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """The most probable track of the whole line given all its measurements: a smoother for
-    post-processing.
+    """A smoother for post-processing: computes the most probable track given all measurements
+    on the line.
 
     Each iteration linearises the map along the track and passes forward and backward over the
-    line, until the track converges. It also returns the covariance. At the last sample its
-    error equals the error of a filter; at earlier samples it is a few times smaller.
+    line, until the track converges. It also returns the covariance. At the last sample, the
+    smoother is as accurate as a filter. At earlier samples, its error is a few times smaller.
 
     The position of a sample uses all measurements. `residual` and `nis` use only earlier
     measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
-    influence of outliers. With `huber` the influence is constant. With `cauchy` it decreases
-    with distance, which requires a good initial track. `smoothing` is `converged`, or `stopped`
-    if the iteration ended before the track converged; `smoothing_step` is then the last change
-    of the track.
+    influence of outliers. With `huber`, the influence of an outlier is constant. With `cauchy`,
+    it decreases with the size of the residual; this requires a good initial track. `smoothing`
+    is `converged`, or `stopped` if the iteration ended before the track converged;
+    `smoothing_step` is then the last change of the track.
 
     A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per
-    sample (2.6 kB more with `save_state`). With further measurements it requires 15 kB per
-    sample, the iteration has a single start, and a robust loss applies only to the scalar
-    field.
+    sample (2.6 kB more with `save_state`). With additional measurements, it requires 15 kB per
+    sample, the iteration has a single start, and a robust loss applies only to the total field.
 
     Parameters
     ----------
@@ -3000,7 +3031,7 @@ def rts(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -3013,29 +3044,30 @@ def rts(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -3046,23 +3078,24 @@ def rts(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3070,9 +3103,9 @@ def rts(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -3081,29 +3114,29 @@ def rts(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -3133,146 +3166,149 @@ def rts(
     iterations : int, optional
         Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
     tolerance_m : float, optional
-        Largest position change along the line in one iteration, below which the iteration ends.
-        Unit: m. Allowed: above 0. Default: `0.1`.
+        Limit on the position change. The iteration ends when no position on the line changes by
+        more in one iteration. Unit: m. Allowed: above 0. Default: `0.1`.
     loss : {"none", "huber", "cauchy"}, optional
         Loss function of a residual: quadratic, Huber's, or Cauchy's. Default: `"none"`.
     loss_scale : float, optional
-        Residual above which a robust loss departs from the quadratic, in standard deviations of
-        the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with `cauchy`: 95 %
-        efficient for normal noise.
+        Residual above which a robust loss departs from the quadratic loss, in standard
+        deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with
+        `cauchy` (95 % efficiency for normal noise).
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -3406,21 +3442,22 @@ def mpf(
     flat_over_m: float | None = None,
 ) -> Track:
     """The marginalised particle filter: particles for the horizontal position, and one Kalman
-    filter given the position for the other 16 states.
+    filter, given the position, for the other 16 states.
 
-    Use it on a map with several similar places: `save_modes` returns the probability of each.
+    Use it on a map with several similar places; `save_modes` returns the probability of each.
     For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
     position error of kilometres, `mpf_then_ekf` is faster.
 
     The estimate is the mean over all particles. Particles off the map keep their total weight
-    relative to the particles on it. A sample with less than a tenth of the weight on the map is
-    `off_map`. A measurement outside six standard deviations of every particle is `gated`,
-    regardless of `gate_nis`. Many such measurements in a row mean that the particles have lost
-    the aircraft. The line is rejected when most of its measurements are gated in this way.
+    relative to the particles on it. A sample is `off_map` if particles on the map have less
+    than a tenth of the total weight. A measurement outside six standard deviations of every
+    particle is `gated`, regardless of `gate_nis`. Many such measurements in a row mean that the
+    particles have lost the aircraft. The line is rejected when most of its measurements are
+    gated in this way.
 
-    Biases of further measurements and the map error are linear states of each particle. The
-    weights depend on the values of the map, not on its slope, so `flat_over_m` is rejected; use
-    `map_sigma_nt` for the map error.
+    The biases of additional measurements and the map error are linear states of each particle.
+    The weights depend on the values of the map, not on its slope, so `flat_over_m` is rejected;
+    use `map_sigma_nt` for the map error.
 
     Parameters
     ----------
@@ -3457,7 +3494,7 @@ def mpf(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -3470,29 +3507,30 @@ def mpf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -3503,23 +3541,24 @@ def mpf(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3527,9 +3566,9 @@ def mpf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -3538,29 +3577,29 @@ def mpf(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -3609,142 +3648,145 @@ def mpf(
         measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
         `200.0`.
     roughening : float, optional
-        Standard deviation of the position noise of each resampled particle, per axis. It is in
-        units of the range of the particles divided by the square root of their number. Gordon,
+        Standard deviation of the position noise of each resampled particle, per axis. Its unit
+        is the range of the particles divided by the square root of their number. Gordon,
         Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
     gate_nis : float, optional
         Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
         Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
     save_modes : bool, optional
-        Appends the three most probable modes of the position to each sample. Takes 50 % more
-        time. Default: `false`.
+        Appends the three most probable modes of the position to each sample. The run time of
+        the filter then increases by 50 %. Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -3889,10 +3931,10 @@ def mpf_then_ekf(
     come from `mpf`.
 
     With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
-    with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
+    with an assumed slow error of 30 nT locate the aircraft. The INS is corrected with this
     position and velocity. The likelihood of the innovations along the corrected INS then gives
     the noise and the outliers. While the particles locate the aircraft, a spike is rejected
-    only if it contradicts every particle; remove spikes of the first minutes by `despike`.
+    only if it contradicts every particle. Remove spikes in the first minutes with `despike`.
 
     `flat_over_m` is rejected, as for `mpf`.
 
@@ -3931,7 +3973,7 @@ def mpf_then_ekf(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -3944,29 +3986,30 @@ def mpf_then_ekf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -3977,23 +4020,24 @@ def mpf_then_ekf(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -4001,9 +4045,9 @@ def mpf_then_ekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -4012,29 +4056,29 @@ def mpf_then_ekf(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -4072,7 +4116,7 @@ def mpf_then_ekf(
         wider cloud of particles has one kernel for each of its parts. Unit: m. Allowed: above
         0. Default: `200.0`.
     hand_over_weight : float, optional
-        Smallest weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
+        Minimum weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
         `0.99`.
     gate_nis : float, optional
         Largest accepted NIS of a measurement, for the mean and variance of the whole cloud
@@ -4081,130 +4125,133 @@ def mpf_then_ekf(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional
@@ -4332,15 +4379,16 @@ def crlb(
 ) -> Track:
     """The Cramér-Rao bound: the smallest error of any filter with these models on this flight.
 
-    It reads the truth (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. A
-    comparison of the bound with the error of a filter's track shows whether the error is due to
-    the filter or to the flight.
+    It reads the true positions (`lat`, `lon`, `alt`) and evaluates the filter's covariance
+    there. Compare the bound with the error of a filter's track to see whether the error is due
+    to the filter or to the flight.
 
-    It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its
-    `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the
-    line; a search never selects a point by it. `residual` is the measurement minus the field at
-    the true position. `nis` is its square divided by its variance under the assumed noise; a
-    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are the velocity of the INS.
+    It makes no estimate. Its positions are the true positions, so `score` gives no error for
+    them. Its `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the
+    bound over the line; a search never selects a point by it. `residual` is the measurement
+    minus the field at the true position. `nis` is the square of this residual divided by its
+    variance under the assumed noise. A mean of 1 confirms the assumed noise. `vn`, `ve` and
+    `vd` are the velocity of the INS.
 
     Parameters
     ----------
@@ -4377,7 +4425,7 @@ def crlb(
         Source of unset parameters. `auto` estimates the noise of each line from the likelihood
         of its innovations, rejects outliers, and continues a map of known height to the flight
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-        height. A key in the spec overrides either. Default: `"auto"`.
+        height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
         Predicts the core field as part of the measurement. `false`: the measurement is an
         anomaly. Default: `true`.
@@ -4390,29 +4438,30 @@ def crlb(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map. The field above its sources is smooth, so a spline is closer
-        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        Interpolation of the map. The field above its sources is smooth, so spline interpolation
+        is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+        else `linear`.
     map_levels_m : ListLike, optional
-        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-        map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-        continued to the flight heights, otherwise it is used at its own height.
+        Heights above the ellipsoid, ascending, to which the map is continued. Between these
+        heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+        is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-        on the interpolation error that the map implies.
+        added to the measurement noise of each sample. The map error is looked up at the
+        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+        `error`, or on the interpolation error that the map implies.
     offset_window_s : float, optional
-        Length of the window from the start of a line over which the mean of measurement minus
+        Length of the window, from the start of a line, in which the mean of measurement minus
         prediction is computed. This offset is subtracted from the measurements before
         filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
         Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
-        Standard deviation of the white noise of a measurement, from the sensor, the map and the
-        residual of the compensation. `"auto"` uses the residual of the calibration, from the
-        column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-        "auto"`, otherwise 5.0.
+        Standard deviation of the white noise of a measurement. It includes the noise of the
+        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -4423,23 +4472,24 @@ def crlb(
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        added to the square of `measurement_sigma_nt`. A sample without a value in this column
+        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+        samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
         are not valid minutes later. Default: `"auto"`.
     fix : ListLike, optional
-        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-        2 s of the line's start are used. White noise with the fix's standard deviations is
-        added to columns with the role truth. It is reproducible for each line. Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+        values within 2 s of the line's start are used. White noise with the fix's standard
+        deviations is added to columns with the role truth. This noise is reproducible for each
+        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     fix_velocity : ListLike, optional
-        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-        without these columns, the velocity of the INS.
+        Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+        `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+        and `vd`; without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -4447,9 +4497,9 @@ def crlb(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-        and the aircraft field at its position are neglected here. Unset: equal noise in all
-        attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+        noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -4458,29 +4508,29 @@ def crlb(
         of the sensor's signal, and inversely proportional to the amplitude. A sample whose
         amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-        `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
         Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
         alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
         column `ins_grade` instead if present.
     init_position_sigma_m : float, optional
-        Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+        Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
     init_altitude_sigma_m : float, optional
         Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
         `0.001`.
     init_velocity_sigma_mps : float, optional
-        Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+        Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
         or above. Default: `0.01`.
     init_attitude_sigma_deg : float, optional
-        Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+        Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-        than the level tilt errors, because the INS finds north by the earth's rotation, which
-        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-        tilt error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+        error.
     vrw_sigma : float, optional
         Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
         above. Default: `0.000238`.
@@ -4508,137 +4558,140 @@ def crlb(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
-        exact. Default: `"trapezoidal"`.
+        Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
+        first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     save_state : bool, optional
         Appends the covariance `p` (row-major). Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. `[0.0, 600.0]` starts without GNSS and recovers it after ten minutes. If the
-        recovery is after the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or
-        above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
+        minutes. A recovery time after the end of the line means that GNSS is not recovered.
+        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
-        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
-        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-        `alt`.
+        Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
+        (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+        `lon` and `alt`.
     gnss_interval_s : float, optional
-        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+        Time between successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
+        Standard deviation of the GNSS position along each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
-        Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. Without it, simulated positions are exact, and the filter appears more
-        accurate than it would be with real GNSS. Unset: true if `gnss` names columns whose role
-        is `truth`.
+        Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+        simulated positions are exact, and the filter appears more accurate than with real GNSS.
+        Unset: true if `gnss` names columns whose role is `truth`.
     gnss_test : bool, optional
-        Compares each GNSS position with the INS, by a chi-square test of this position and by a
-        cumulative sum over earlier positions. Rejected positions are not used. A jump is
-        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
-        start are then rejected. Positions are accepted again after ten consecutive positions
-        agree with the INS. `gnss_update` is appended even if this key is false. Default:
-        `true`.
+        Tests each GNSS position against the INS position, by a chi-square test of this position
+        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
+        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
+        the start of the drift are then rejected. Positions are accepted again after ten
+        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
+        false. Default: `true`.
     gradient : ListLike, optional
-        Two compensated scalar magnetometers. Their difference, first minus second, measures the
-        slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Cannot be combined with `map_interpolation = "linear"`,
-        because the slope of a bilinear map has steps. Unit: nT. Unset: the difference is not
-        used.
+        Two compensated scalar magnetometers. The difference between their readings, first minus
+        second, measures the slope of the map along the line between them. The temporal
+        variation and all other common errors cancel in this difference. Cannot be combined with
+        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+        Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
-        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
-        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
-        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
-        `gradient`.
+        Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
+        right, down). The attitude of the INS rotates this vector to the navigation frame. The
+        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
         Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
         Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference, caused for example by
-        the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+        Standard deviation of the slowly varying error of the difference. It can result from the
+        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
         `1.0`.
     gradient_bias_tau_s : float, optional
         Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
         Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
         Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, it gives an error in the difference. Like the
-        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-        value from the innovations of the difference. This value also reveals maps made from
-        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
-        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
-        above. Default: `auto`.
+        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
+        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+        maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. For a map without a vertical slope (one
+        height, no `map_levels_m`), the error of the difference increases by the vertical
+        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
     use_scalar : bool, optional
-        Uses `mag` for the measurement update too. `false` uses only the difference and the
-        vector, for example in a magnetic storm. Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
+        uses only the difference and the vector measurement, for example in a magnetic storm.
+        Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        measures the scalar field and the attitude, except for the rotation about the field
-        direction. Requires `core_field` and a vector magnetometer with its own calibration.
-        Unit: nT. Allowed: above 0. Unset: the vector is not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the reading
+        of the vector magnetometer becomes a measurement of the total field and of the attitude,
+        except for the rotation about the field direction. Requires `core_field` and a vector
+        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+        not used.
     vector_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50
-        nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above. Default:
-        `50.0`.
+        Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
+        bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
+        Default: `50.0`.
     vector_bias_tau_s : float, optional
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. A typical value is the standard deviation of the anomaly.
-        Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation of the part of each component of the crustal field that a map of the
+        scalar anomaly does not determine. A typical value is the standard deviation of the
+        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field whose standard deviation is
-        `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
+        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
-        does not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
-        used.
+        does not already aid the INS. Unit: m. Unset: the height of the INS, aided by its
+        barometer, is used.
     height_sigma_m : float, optional
-        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
-        `3.0`.
+        Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
+        Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error caused by the weather or the
-        geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying height error due to the weather and the geoid.
+        Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
         Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error, which becomes a state correlated along the track.
-        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error. If set, the error is a state of the filter,
+        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
+        estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
-        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag clearly
-        increases the likelihood.
+        is a state of the filter and constant along the line. A sample stamped `t` was measured
+        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
+        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
+        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
+        clearly increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, or a wrong map height. If set, the bias is a state of the filter, constant along
-        the line. It changes the prediction of the scalar field only, and not `alt`. Requires a
-        map that is continued to the heights of the bias: set `map_levels_m`, or `tuning =
-        "auto"`, which continues the map to twice this value below and above the line. 0 omits
-        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
-        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to be
-        exact; `tuning = "auto"` sets 50 if the levels of the map contain the bias and it
-        clearly increases the likelihood.
+        height, and a wrong map height. If set, the bias is a state of the filter and constant
+        along the line. It changes only the prediction of the total field, not `alt`. Requires a
+        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
+        or `tuning = "auto"`, which continues the map to twice this value below and above the
+        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
+        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
+        map and clearly increases the likelihood.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0;
-        `tuning = "auto"` estimates it by maximum likelihood if these states clearly increase
-        the likelihood.
+        per component (nose, right, down). The three components are additional states. Their
+        effect on the total field follows from the attitude and the core field. A constant
+        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
+        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
+        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
+        increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of the change of the permanent field. Unit: s. Allowed: above 0. Unset:
+        Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
         maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
         line.
     flat_over_m : float, optional

@@ -68,21 +68,21 @@ class StageMethods:
             For tables of flights, maps: Name of the format. Unset: detected from content and
             extension.
         topic : str, optional
-            For tables of flights: Message, topic or array of a log that holds several, such as
-            `MAG`, `sensor_mag:1` or `.` (the vectors at the root of a MATLAB file). Unset: the only
-            topic of the file.
+            For tables of flights: Message, topic or array to read from a log that holds several,
+            such as `MAG` or `sensor_mag:1`. The value `.` selects the vectors at the root of a
+            MATLAB file. Unset: the only topic of the file.
         rename : Mapping[str, Any], optional
             For tables of flights: Canonical name of each column, by its name in the file. If the
             name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), the column
-            has this unit. A unit that cannot be converted is an error. Default: `{}`.
+            takes this unit. A unit that cannot be converted is rejected. Default: `{}`.
         units : Mapping[str, Any], optional
-            For tables of flights: Units of columns, by their names in the file. They override names
-            and metadata. Default: `{}`.
+            For tables of flights: Unit of each column, by its name in the file. It overrides units
+            in names and metadata. Default: `{}`.
         missing : ListLike, optional
             For tables of flights: Strings and numbers that mark a missing value, in addition to
             `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
             Default: `[]`.
-            For maps: Numbers that mark an unknown value, in addition to the markers in the file and
+            For maps: Numbers that mark an unknown value, in addition to the file's own markers and
             the usual markers (the largest single-precision number, Surfer's blank, Geosoft's
             -1e32). Default: `[]`.
         flight : str, optional
@@ -101,22 +101,22 @@ class StageMethods:
             `[]`.
             For maps: Plausibility checks that are disabled for this map. Default: `[]`.
         mapping : str, optional
-            For tables of flights: The mapping of the columns: a TOML file, or the name of a
-            built-in mapping such as `px4_ulog`. `auto` chooses the built-in mapping that reads most
-            of the first log, and reports its name in a note. A mapping replaces `units` and
+            For tables of flights: Mapping of the columns: a TOML file, or the name of a built-in
+            mapping such as `px4_ulog`. `auto` selects the built-in mapping that reads the largest
+            part of the first log, and reports its name in a note. A mapping replaces `units` and
             `topic`. With a mapping, `rename` applies to the columns of the mapping. Unset: columns
             are identified by their names.
         table : ListLike, optional
-            For tables of flights: The table of the mapping. A list declares several tables at once:
-            in `[tables.log]`, `table = ["mag", "gps"]` declares `log_mag` and `log_gps`. Unset: the
-            only table.
+            For tables of flights: Table of the mapping to read. A list declares several tables at
+            once: in `[tables.log]`, `table = ["mag", "gps"]` declares `log_mag` and `log_gps`.
+            Unset: the only table.
         lines : str, optional
-            For tables of flights: A table of `flight`, `line`, `t_start` and `t_end` (seconds past
-            midnight UTC) that replaces the lines in the files. A sample belongs to the line that
-            contains its time; samples outside all lines are dropped. `auto` finds the lines of each
-            flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight
-            and circles. `magline ingest --lines auto --picture lines.svg` draws them and writes the
-            table. Unset: the lines of the files.
+            For tables of flights: Table with the columns `flight`, `line`, `t_start` and `t_end`
+            (in seconds past midnight UTC). It replaces the lines in the files. A sample belongs to
+            the line that contains its time; samples outside all lines are dropped. `auto` finds the
+            lines of each flight: straight lines and tie lines, calibration boxes, cloverleafs,
+            figures of eight and circles. `magline ingest --lines auto --picture lines.svg` plots
+            these lines and writes the table. Unset: the lines of the files.
         alt_m : float, optional
             For maps: Height of the map above the WGS-84 ellipsoid. It overrides the file. Unit: m.
             Unset: read from the file.
@@ -124,10 +124,11 @@ class StageMethods:
             For maps: Unit of the anomaly. It overrides the file. Unset: read from the file, else
             nT.
         field_component : {"north", "east", "down"}, optional
-            For maps: Component of a map of three components, such as MagNav.jl's `EMM720_World.h5`.
-            Its values are not a total-field anomaly. Unset: the map holds the total-field anomaly.
+            For maps: Component to read from a map with three components, such as MagNav.jl's
+            `EMM720_World.h5`. Its values are not a total-field anomaly. Unset: the map holds the
+            total-field anomaly.
         features : ListLike, optional
-            For models: The columns that the model requires in a line, as in `features` of its fit.
+            For models: Columns that the model requires in each line: the `features` of its fit.
             Default: `["tl"]`.
         where : str, optional
             For a model: SQL condition on its columns that selects one model of several.
@@ -168,8 +169,8 @@ class StageMethods:
             The number of trials. Allowed: 1 to 100000.
         goal : str
             The objective: a table of scores and one of its metrics, such as `scores.std_error`. The
-            values of the lines are pooled as in the summary of a run, over all points of the other
-            axes.
+            values of the lines are pooled as in the summary of a run, over all points of the
+            remaining axes.
         method : {"random", "sobol", "tpe"}, optional
             The method that proposes trials. Default: `"tpe"`.
         direction : {"minimise", "maximise"}, optional
@@ -184,7 +185,7 @@ class StageMethods:
             Unset: 10.
         scramble : bool, optional
             For `sobol`: whether the seed scrambles the sequence. An unscrambled sequence begins at
-            the lower ends. Unset: true.
+            the lower ends of all axes. Unset: true.
         where : str, optional
             SQL predicate on `flight` and `line` that selects the lines of the goal.
         halving : Mapping[str, Any], optional
@@ -240,39 +241,40 @@ class StageMethods:
         """Resamples every column of a line to evenly spaced times: the whole multiples of
         1/`rate_hz`.
 
-        Numbers are interpolated, and angles (unit deg) along the shorter arc. Text, integers and
-        booleans take the value of the nearest sample. Whole numbers without a unit stay whole.
-        Codes and flags, which have few distinct values, take the value of the nearest sample;
-        counts are interpolated and rounded. A column with a unit, or with the role sensor or truth,
-        is a measured quantity. It is interpolated even if its values are whole. State the unit of a
-        measured column in `units` of its table.
+        Numbers are interpolated; angles (unit deg) are interpolated along the shorter arc. Text,
+        booleans and columns of integer type take the value of the nearest sample. Other whole
+        numbers without a unit stay whole: codes and flags, which have few distinct values, take the
+        value of the nearest sample, and counts are interpolated and rounded. A column with a unit,
+        or with the role sensor or truth, is a measured quantity. It is interpolated even if its
+        values are whole. State the unit of a measured column in `units` of its table.
 
         The grid begins at the first multiple at or after the first sample, and ends at the last
         multiple at or before the last sample. All sensors and lines of a flight therefore share
         their times.
 
         Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column
-        except `flight`, `line` and `tt`. A missing value counts as a gap in its column. If other
-        lines have a column that a line lacks, its values are missing on the whole line. Repeated or
-        decreasing times are rejected.
+        except `flight`, `line` and `tt`. A missing value counts as a gap in its column. If a line
+        lacks a column that other lines have, the column's values are missing on that whole line.
+        Repeated or decreasing times are rejected.
 
-        Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`.
-        A line combines the rows of the same flight and line in all tables. Their columns are
-        resampled to one grid. The grid covers the time common to all tables, or the time of the
-        first table (`span`). If several tables have a date, their times are converted to a common
-        midnight. A column name in two tables is rejected, except `year` and `doy`, which are read
-        from the first table that has them. A line whose tables have no common time is rejected.
+        `input` can list several tables of sensors with different sample rates, as in `input =
+        ["mag", "imu", "gps"]`. A line combines the rows of the same flight and line in all tables.
+        Their columns are resampled to one grid. The grid covers the time common to all tables, or
+        the time of the first table (`span`). If several tables have a date, their times are
+        converted to a common midnight. A column name that occurs in two tables is rejected, except
+        `year` and `doy`, which are read from the first table that has them. A line whose tables
+        have no common time is rejected.
 
         `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading
         stamped t was measured at t - 0.06 s. The resampled value at t is therefore the reading
-        stamped t + 0.06 s. The stage `lag` estimates lags with this sign.
+        stamped t + 0.06 s. The `lag` stage estimates lags with this sign.
 
         List entries that are differences per sample, such as some terms of `tl`, are converted to
         the new rate. A list with values of earlier samples is rejected: compute it after
         resampling. A lag cannot be removed twice.
 
-        The stage does not filter: at a lower rate, frequencies above half of the new rate are
-        aliased. Apply `lowpass` or `bandpass` first.
+        The stage does not filter: at a lower rate, frequencies above half the new rate are aliased.
+        Apply `lowpass` or `bandpass` first.
 
         Parameters
         ----------
@@ -283,17 +285,17 @@ class StageMethods:
         method : {"linear", "nearest", "cubic"}, optional
             Interpolation between samples; `cubic` is Akima's. Default: `"linear"`.
         max_gap_s : ListLike, optional
-            Longest gap that is interpolated: one value for all inputs, or one value per input.
-            Unit: s. Allowed: above 0. Default: `[1.0]`.
+            Longest gap over which values are interpolated: one value for all inputs, or one value
+            per input. Unit: s. Allowed: above 0. Default: `[1.0]`.
         span : {"all", "first"}, optional
-            Time that the grid covers, with several inputs. Default: `"all"`.
+            Time span of the grid, for several inputs. Default: `"all"`.
         lag_s : Mapping[str, Any], optional
             Lag of each column, by column name. The name of a vector magnetometer, such as `flux_a`,
-            sets the lag of its `x`, `y`, `z` and `t`. Replaces the lag of the column's input. Unit:
-            s. Allowed: finite. Default: `{}`.
+            sets the lag of its `x`, `y`, `z` and `t`. This lag overrides the lag of the column's
+            input. Unit: s. Allowed: finite. Default: `{}`.
         input_lag_s : ListLike, optional
-            Lag of the sensors of each input, one value per input. Unit: s. Allowed: finite. Unset:
-            0 for all.
+            Lag of each input's sensors, one value per input. Unit: s. Allowed: finite. Unset: 0 for
+            all.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -333,9 +335,9 @@ class StageMethods:
         frame (nose, right wing, down). `column` changes these names. An existing column of the same
         name is replaced.
 
-        The date of each sample is given by `year`, `doy` and `tt` of the flight, or by
-        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. The result is NaN
-        for a sample without a position. A body component is NaN if it depends on a missing angle.
+        The date of each sample follows from `year`, `doy` and `tt` of the flight. `decimal_year`
+        sets one date for all samples. Heights are above the WGS-84 ellipsoid. The result is NaN for
+        a sample without a position. A body component is NaN if it depends on a missing angle.
 
         A flight without a date is rejected unless `decimal_year` is set. A date outside the model's
         range is rejected. An impossible position is rejected too: latitude beyond 90 degrees,
@@ -349,7 +351,7 @@ class StageMethods:
             Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
             Default: `"igrf"`.
         column : str, optional
-            Name of the column of the magnitude. The names of the components add a suffix to it.
+            Name of the column for the magnitude. The components' names are this name plus a suffix.
             Default: `"igrf"`.
         position : {"truth", "ins"}, optional
             Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the
@@ -413,18 +415,19 @@ class StageMethods:
     ) -> TableHandle:
         """Simulates an INS of a given grade: the GNSS track plus simulated errors.
 
-        The INS is added to a flight without one, or replaces the flight's INS. The stage appends
+        The simulated INS data are added to the flight, or replace its INS data. The stage appends
         `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
         `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which `navigate` reads
         like measured columns.
 
-        The truth is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude
-        (`roll`, `pitch`, `yaw`) are used if all three columns exist. Missing velocities are derived
-        from the positions, and specific forces from the velocities. A missing attitude is assumed
-        to be level, with the yaw along the course. Derivatives amplify the noise of a GNSS
-        receiver, and the specific force is a second derivative. Positions and velocities are
-        therefore first smoothed over `smooth_s`. Apart from the effect of smoothing, the INS then
-        has only its own errors and no jitter of the receiver.
+        The true position is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the
+        attitude (`roll`, `pitch`, `yaw`) are used if all three columns of each exist. Missing
+        velocities are derived from the positions, and specific forces from the velocities. If the
+        attitude is missing, the aircraft is assumed to be level, with the yaw along the course.
+        Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
+        derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart
+        from the effect of smoothing, the INS data then contain only INS errors and no receiver
+        jitter.
 
         Each line begins with a new alignment. Its errors are random, with the standard deviations
         of the `init_*` keys. They depend only on `seed` and the names of flight and line. Lines
@@ -432,8 +435,8 @@ class StageMethods:
         evenly spaced. One seed gives one realisation; sweep `seed` for the statistics of a grade.
 
         The stage rejects a NaN in position, velocity or attitude, times that do not increase, a
-        line of one sample, and an INS with an error above 1,000 km. An existing INS is rejected
-        unless `replace = true`.
+        line of one sample, and an INS error above 1,000 km. Existing INS data are rejected unless
+        `replace = true`.
 
         Parameters
         ----------
@@ -445,36 +448,36 @@ class StageMethods:
             of any size. Default: `"error_model"`.
         smooth_s : float, optional
             Length of the window in which parabolas are fitted to smooth positions and velocities.
-            The weights fall to 0 at its ends. 0 switches smoothing off. Unit: s. Allowed: 0 or
-            above. Default: `5.0`.
+            The weights fall to 0 at the ends of the window. 0 switches smoothing off. Unit: s.
+            Allowed: 0 or above. Default: `5.0`.
         seed : int, optional
             Seed of all random draws. Default: `0`.
         replace : bool, optional
-            Replaces an existing INS of the flight. Default: `false`.
+            Replaces existing INS data of the flight. Default: `false`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
             Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
             alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
             column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+            Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
             or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-            than the level tilt errors, because the INS finds north by the earth's rotation, which
-            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-            tilt error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+            error.
         vrw_sigma : float, optional
             Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
             above. Default: `0.000238`.
@@ -537,16 +540,16 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Removes frequencies outside the pass band without lag and appends `<column>_bp`.
+        """Removes frequencies outside the pass band, without lag, and appends `<column>_bp`.
 
         A Butterworth filter of second-order sections runs forwards and backwards over each line. It
         uses odd reflection at the ends and steady-state initial conditions. Each of the two passes
-        halves the power at a corner.
+        halves the power at a corner frequency.
 
         A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps
-        stay NaN and do not spread. A run shorter than the filter's padding becomes NaN. The padding
-        is 6 samples for each second-order section, 25 samples for the default. A line is rejected
-        if all its runs are too short. Samples must be evenly spaced.
+        stay NaN and do not spread. A run that is not longer than the filter's padding becomes NaN.
+        The padding is 6 samples per second-order section: 24 samples for the default order. A line
+        is rejected if all its runs are too short. Samples must be evenly spaced.
 
         Parameters
         ----------
@@ -599,16 +602,16 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Removes frequencies above a corner without lag and appends `<column>_lp`.
+        """Removes frequencies above a corner frequency, without lag, and appends `<column>_lp`.
 
-        It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of
-        `corner_hz` it is an anti-alias filter before a `resample` to that rate. It then has order 8
-        and a corner at 0.8 of the new Nyquist frequency. At the new Nyquist frequency it attenuates
-        by 31 dB.
+        The filter equals `bandpass` without a lower corner. With `for_rate_hz` instead of
+        `corner_hz` it is an anti-alias filter for a later `resample` to that rate. It then has
+        order 8 and a corner at 0.8 of the new Nyquist frequency. Its attenuation at the new Nyquist
+        frequency is 31 dB.
 
-        Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about
-        1/`corner_hz` seconds of the ends of a run. Gaps, short runs and uneven samples are treated
-        as in `bandpass`.
+        Angles (unit deg) are filtered along the shorter arc. A sloping signal is distorted within
+        about 1/`corner_hz` seconds of the ends of a run. Gaps, short runs and uneven samples are
+        treated as in `bandpass`.
 
         Parameters
         ----------
@@ -617,8 +620,8 @@ class StageMethods:
         columns : ListLike
             Columns to filter.
         corner_hz : float, optional
-            Corner frequency. Both passes together halve the amplitude there. Unit: Hz. Allowed:
-            above 0. Unset: set by `for_rate_hz`.
+            Corner frequency. The two passes together halve the amplitude at this frequency. Unit:
+            Hz. Allowed: above 0. Unset: set by `for_rate_hz`.
         for_rate_hz : float, optional
             Lower sample rate to which the columns will be resampled. Unit: Hz. Allowed: above 0.
             Unset: set by `corner_hz`.
@@ -663,12 +666,12 @@ class StageMethods:
         """Removes a sinusoid and its harmonics, such as power-line interference, without lag, and
         appends `<column>_nt`.
 
-        Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled
-        at 160 Hz. If the sensor sampled at a different rate from the line and no filter was applied
-        in between, set `sampled_hz` to that rate. The alias at that rate is then folded to the rate
-        of the line. Any signal within the notch width is also removed. A harmonic is rejected if
-        its alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove it
-        before resampling to a lower rate.
+        Each harmonic is removed at its alias frequency: 10 Hz, for example, for a harmonic of 150
+        Hz sampled at 160 Hz. If the data were resampled without a filter, set `sampled_hz` to the
+        sensor's own rate. The alias at this rate is then folded to the rate of the line. Any signal
+        within the notch width is also removed. A harmonic is rejected if its alias is less than
+        half a notch width from 0 Hz or from the Nyquist frequency. Remove such a harmonic before
+        resampling to a lower rate.
 
         A second-order notch at each frequency runs forwards and backwards. It settles in about
         1/`width_hz` seconds, so part of the sinusoid remains for this time at each end of a run.
@@ -728,15 +731,15 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Appends the rate of change of columns per second, `<column>_dot`.
+        """Appends the rate of change per second of each column as `<column>_dot`.
 
         `central` is the central difference divided by the time between samples, one-sided at the
         ends of a run. `savitzky_golay` is the slope of the least-squares polynomial over a window.
-        It amplifies noise less than `central`: by a factor of 0.32 per step with the default window
-        and degree, compared with 0.71.
+        It amplifies noise less than `central`. White noise with a standard deviation of 1 becomes
+        0.32 per sample with the default window and degree, compared with 0.71.
 
         Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in
-        time ends a run. A run that is too short for the method is NaN. Samples must be evenly
+        time ends a run. A run that is too short for the method gives NaN. Samples must be evenly
         spaced. The unit is the column's unit per second.
 
         Parameters
@@ -795,14 +798,14 @@ class StageMethods:
         of the window. It does not require evenly spaced samples, so use it before `resample`, which
         would spread a spike.
 
-        `fourth_difference` removes a sample whose fourth difference, divided by the root of 70,
-        exceeds `threshold` standard deviations of the noise. It detects small spikes on steep
+        `fourth_difference` removes a sample whose fourth difference, divided by the square root of
+        70, exceeds `threshold` standard deviations of the noise. It detects small spikes on steep
         signals, but not two adjacent ones. It requires evenly spaced samples.
 
-        The noise is 1.4826 times the median absolute deviation, and at least one quantisation step.
-        If more than half of the samples in a run are held or interpolated, the noise is estimated
-        from the remaining samples. Steps and corners are then not flagged as spikes. Spikes in an
-        otherwise constant run are kept.
+        The noise is 1.4826 times the median absolute deviation, but at least one quantisation step.
+        If more than half of the samples in a run hold repeated or interpolated values, the noise is
+        estimated from the remaining samples. Steps and corners are then not flagged as spikes.
+        Spikes in an otherwise constant run are kept.
 
         A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end
         of a run it always becomes NaN. A missing value or a gap in time ends a run. A column in
@@ -863,10 +866,11 @@ class StageMethods:
 
         Expressions may use the DataFusion functions that depend only on the row. Clocks, random
         numbers and other rows are not available. A missing value (NaN) is NULL in an expression.
-        Arithmetic with it gives a missing value, and a comparison with it is unknown. `coalesce`
-        and `is null` detect it. An infinite result, such as 1/0, is missing. A line fails if SQL
-        rejects a value, such as the square root of a negative number. Division is real, also
-        between integers. `greatest` and `least` return a missing value if any argument is missing.
+        Arithmetic with a missing value gives a missing value, and a comparison with one is unknown.
+        `coalesce` and `is null` detect missing values. An infinite result, such as 1/0, becomes a
+        missing value. A line fails if SQL rejects a value, such as the square root of a negative
+        number. Division gives a real number, even for two integers. `greatest` and `least` return a
+        missing value if any argument is missing.
 
         The unit is inferred for sums, differences, clips, choices and multiples of columns of one
         unit, and for ratios of equal units. Otherwise set it in `units`. Sums and comparisons of
@@ -874,9 +878,9 @@ class StageMethods:
         not the other new columns. An existing column of the same name is replaced. A column
         computed from a truth column has the role truth.
 
-        For a column in nT, the metadata `removed` list the corrections already applied to its
-        terms, and `igrf` or `diurnal` if the expression subtracts it. Later stages do not repeat
-        these corrections.
+        For a column in nT, the metadata entry `removed` lists the corrections already applied to
+        the columns of the expression. It also lists `igrf` or `diurnal` if the expression subtracts
+        it. Later stages do not repeat these corrections.
 
         Parameters
         ----------
@@ -885,7 +889,7 @@ class StageMethods:
         columns : Mapping[str, Any]
             SQL expression of each new column, by column name.
         units : Mapping[str, Any], optional
-            Unit of new columns, by column name. Required where the unit cannot be inferred, and
+            Unit of each new column, by column name. Required where the unit cannot be inferred, and
             where a multiplication converts it, as `alt * 3.28084` converts metres to feet. Default:
             `{}`.
         name : str, optional
@@ -933,7 +937,7 @@ class StageMethods:
         input : TableLike
             Input: flight lines.
         rows : str, optional
-            Predicate for the rows that are kept, such as `radar > 100 and abs(roll) < 5`. Unset:
+            Predicate that selects the rows to keep, such as `radar > 100 and abs(roll) < 5`. Unset:
             all.
         columns : ListLike, optional
             Columns that are kept. Unset: all columns except those of `drop`.
@@ -1037,25 +1041,27 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Estimates the lag of each of `columns` against `reference` on each line that `where`
+        """Estimates the lag of each of `columns` relative to `reference` on each line that `where`
         selects.
 
         The lag is at the peak of the cross-correlation. Each line and column gives a row with
         `lag_s`. The parameter `lag_s` of `resample` removes this lag.
 
         A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both
-        must measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude
-        of a vector magnetometer and a scalar magnetometer, or the turn rate and the derivative of a
-        heading. Slow signals have a flat correlation peak, so remove them with `low_hz` or with a
-        `derivative` stage before this one. Samples must be evenly spaced. Resample sensors with
-        different rates to one grid with `resample`, at the highest of their rates or above.
+        columns must measure the same quantity. Examples are two magnetometers in a manoeuvre, the
+        magnitude of a vector magnetometer and a scalar magnetometer, or the turn rate and the
+        derivative of a heading. Slow signals have a flat correlation peak, so remove them with
+        `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced.
+        Resample sensors with different rates to one grid with `resample`, at their highest rate or
+        above.
 
-        `sd_s` is the standard error of the lag if the difference of the two signals is white noise.
-        For correlated noise it is too small. `correlation` is the correlation coefficient at the
-        peak. `next_peak` is the height of the second highest peak divided by the height of the
-        highest. If it is near 1, the lag is ambiguous, as for periodic signals. `n` is the number
-        of pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`,
-        a column is constant, or a line is too short. Missing samples are omitted.
+        `sd_s` is the standard error of the lag if the difference between the two signals is white
+        noise. For correlated noise, `sd_s` is too small. `correlation` is the correlation
+        coefficient at the peak. `next_peak` is the height of the second highest peak divided by the
+        height of the highest. If it is near 1, the lag is ambiguous, as for periodic signals. `n`
+        is the number of sample pairs. The lag is NaN, and a warning is reported, if a line has no
+        peak within `most_s`, a column is constant, or a line is too short. Missing samples are
+        omitted.
 
         Parameters
         ----------
@@ -1064,7 +1070,7 @@ class StageMethods:
         columns : ListLike
             Columns whose lags are estimated.
         reference : str
-            Column against which the lags are measured.
+            Column relative to which the lags are measured.
         most_s : float, optional
             Largest lag, in either direction. Unit: s. Allowed: above 0. Default: `2.0`.
         either_sign : bool, optional
@@ -1076,7 +1082,8 @@ class StageMethods:
             Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
             Unit: Hz. Allowed: 0 or above. Default: `0.0`.
         order : int, optional
-            Order of the Butterworth prototype of the band-pass. Allowed: 1 to 12. Default: `4`.
+            Order of the Butterworth prototype of the band-pass filter. Allowed: 1 to 12. Default:
+            `4`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -1124,19 +1131,19 @@ class StageMethods:
 
         A record is a table of flight lines. In this table, each station is stored as a flight and
         each day as a line. It has the columns `year`, `doy` and `tt`, and the column that `element`
-        names. IAGA-2002 and IMF files have this form after reading; their total field is `field_f`.
-        If a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and
-        `field_d` with `derive`. Every line can use all days of a record, so a line may cross
-        midnight.
+        names. IAGA-2002 and IMF files are read in this form; their total field is the column
+        `field_f`. If a record has no scalar magnetometer, compute the magnitude of `field_n`,
+        `field_e` and `field_d` with `derive`. Every line can use all days of a record, so a line
+        may cross midnight.
 
         Values are interpolated between samples of the record. They are NaN outside the record and
         in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
         without a date. Several stations, in one or more tables, are averaged at each sample with
-        weights 1/distance^`power`. The result is NaN for a sample at which one station has no
+        weights 1/distance^`power`. The result is NaN for a sample at which any station has no
         value.
 
         The level of each record is subtracted, so that a station contributes only its variation.
-        `level` selects the mean of the whole record, or its mean over the time of the line.
+        `level` selects the mean of the whole record, or its mean over the duration of the line.
         `level_nt` sets the level explicitly, for example to the level of a quiet night. A variation
         record (IAGA `Data Type variation`) has no absolute level.
 
@@ -1153,8 +1160,8 @@ class StageMethods:
         method : {"linear", "nearest", "cubic"}, optional
             Interpolation between samples of the record. Default: `"linear"`.
         max_gap_s : float, optional
-            Longest gap between samples of the record that is interpolated. Unit: s. Allowed: above
-            0. Default: `180.0`.
+            Longest gap in the record over which values are interpolated. Unit: s. Allowed: above 0.
+            Default: `180.0`.
         level : {"record", "line"}, optional
             Level that is subtracted from each record. Default: `"record"`.
         level_nt : Mapping[str, Any], optional
@@ -1208,16 +1215,16 @@ class StageMethods:
         `manoeuvre`, or `none` if the heading is missing.
 
         In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so
-        the yaws of a calibration are not turns. A part shorter than `least_s` between two turns
-        belongs to the turns. Manoeuvres are detected within straight parts. In a manoeuvre, the
-        band-passed columns of `attitude` (angles, or components of a vector magnetometer) have a
-        root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and yaws
-        of a calibration box. Boundaries are accurate to the length of the window.
+        the yaw manoeuvres of a calibration are not turns. A part shorter than `least_s` between two
+        turns belongs to the turns. Manoeuvres are detected within straight parts. In a manoeuvre,
+        the root mean square of the band-passed columns of `attitude` (angles, or components of a
+        vector magnetometer) over `window_s` exceeds `manoeuvre`. Examples are the pitch, roll and
+        yaw manoeuvres of a calibration box. Boundaries are accurate to within one window length.
 
         `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts as one line.
         Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run
-        shorter than the window is `none`. The heading may be a course computed with `derive`:
-        `degrees(atan2(ve, vn))`.
+        shorter than the window has the kind `none`. The heading may be a course computed with
+        `derive`: `degrees(atan2(ve, vn))`.
 
         Parameters
         ----------
@@ -1231,17 +1238,17 @@ class StageMethods:
         turn_dps : float, optional
             Minimum turn rate of a turn. Unit: deg/s. Allowed: above 0. Default: `1.0`.
         turn_deg : float, optional
-            Minimum change of heading in a turn. Unit: deg. Allowed: 0 or above. Default: `20.0`.
+            Minimum change in heading in a turn. Unit: deg. Allowed: 0 or above. Default: `20.0`.
         least_s : float, optional
             Shortest straight part. Unit: s. Allowed: 0 or above. Default: `20.0`.
         attitude : ListLike, optional
-            Columns that show manoeuvres, all with one unit. Default: `[]`.
+            Columns that show manoeuvres, all in the same unit. Default: `[]`.
         manoeuvre : float, optional
-            Threshold of a manoeuvre: root mean square of the sum of the columns of `attitude`, in
-            their unit. Allowed: above 0. Default: `2.0`.
+            Threshold of a manoeuvre: square root of the sum of the columns' mean squares over
+            `window_s`, in the unit of `attitude`. Allowed: above 0. Default: `2.0`.
         low_hz : float, optional
-            Lower corner frequency of the band-pass of `attitude`. Unit: Hz. Allowed: 0 or above.
-            Default: `0.05`.
+            Lower corner frequency of the band-pass filter for `attitude`. Unit: Hz. Allowed: 0 or
+            above. Default: `0.05`.
         high_hz : float, optional
             Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
             Unit: Hz. Allowed: 0 or above. Default: `0.0`.
@@ -1330,8 +1337,8 @@ class StageMethods:
         column `tl`.
 
         B is the reading of the vector magnetometer, Bt is its magnitude or `scalar`, dB is the
-        central difference of B per sample, and s is `bt_scale_nt`. The terms are: permanent B_i/Bt,
-        induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1.
+        central difference of B per sample, and s is `bt_scale_nt`. The terms are permanent
+        (B_i/Bt), induced (B_i B_j/(Bt s)), eddy (B_i dB_j/(Bt s)), derivative (dB_i) and bias (1).
 
         The column's metadata list the terms (`terms`) and the terms that are differences
         (`per_sample`). `rate_hz` holds the sample rate if `resample` set it. `fit` writes this rate
@@ -1340,7 +1347,7 @@ class StageMethods:
 
         Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A
         sample without a vector reading gives a row of NaN. Terms that are differences require
-        evenly spaced samples; other lines are rejected.
+        evenly spaced samples; lines with uneven samples are rejected.
 
         Parameters
         ----------
@@ -1353,8 +1360,8 @@ class StageMethods:
             Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`,
             `eddy3`), `derivative`, `bias`. Default: `["permanent","induced","eddy"]`.
         scalar : str, optional
-            Scalar magnetometer whose reading replaces Bt. This gives the modified model. Unset: the
-            magnitude of `vector`.
+            Scalar magnetometer whose reading replaces Bt. This gives the modified Tolles-Lawson
+            model. Unset: the magnitude of `vector`.
         bt_scale_nt : float, optional
             Scale s of the induced and eddy terms. A value near the total field gives all terms
             similar magnitudes. Unit: nT. Allowed: above 0. Default: `50000.0`.
@@ -1410,22 +1417,22 @@ class StageMethods:
         | `COLUMN_dot`, `COLUMN_dot4` | central and fourth difference of the column per sample |
         | `COLUMN_lag_N` | value of the column N samples earlier |
         | `mag_2_3_uc` | `mag_2_uc` minus `mag_3_uc`, for any two magnetometers |
-        | `lpf_COLUMN` | the column, low-passed at 0.2 Hz |
-        | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
-        | `crcy`, ... `srsp` | products of cosines and sines (c, s) of roll, pitch and yaw |
+        | `lpf_COLUMN` | the column after a low-pass filter at 0.2 Hz |
+        | `dcm`, `dcm_1` to `dcm_9` | direction cosines of the rotation from north-east-down to body, column by column |
+        | `crcy`, ... `srsp` | products of the cosines (c) and sines (s) of roll (r), pitch (p) and yaw (y) |
         | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
         | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
         | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
-        | `slope`, `slope_quadratic` | easting and northing (km), squares and product, for the slope of the anomaly |
+        | `slope`, `slope_quadratic` | easting and northing (km); `slope_quadratic` adds their squares and product |
 
-        Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2`
-        (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the vector
-        magnetometer `vector`.
+        Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and
+        `small_2` (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the
+        vector magnetometer `vector`.
 
-        Differences and lags are per sample. The column's metadata `per_sample` list them, and
-        `rate_hz` holds the sample rate if `resample` set it. A stage that applies a model at
+        Differences and lags are per sample. The column's metadata entry `per_sample` lists them,
+        and `rate_hz` holds the sample rate if `resample` set it. A stage that applies a model at
         another rate converts the differences and rejects the lags. A column of the table, such as
-        one of `derivative`, is used unchanged at any rate.
+        one made by `derivative`, is used unchanged at any rate.
 
         Differences, lags and filters stay within a run of samples without gaps. A feature is NaN
         where it cannot be computed, and `fit` omits that row. Truth columns and features with
@@ -1438,9 +1445,9 @@ class StageMethods:
         features : ListLike
             Features, in the order of the list.
         terms : ListLike, optional
-            Groups of Tolles-Lawson terms in `TL_A_...`. Unset: permanent, induced and eddy terms;
-            for the sets `down_selected`, `small_1` and `small_2`: permanent, induced and derivative
-            terms.
+            Groups of Tolles-Lawson terms in the features `TL_A_...`. Unset: permanent, induced and
+            eddy terms; for the sets `down_selected`, `small_1` and `small_2`: permanent, induced
+            and derivative terms.
         bt_scale_nt : float, optional
             Scale of the induced, eddy and core-field terms. Unit: nT. Allowed: above 0. Default:
             `50000.0`.
@@ -1498,7 +1505,7 @@ class StageMethods:
     ) -> TableHandle:
         """Appends `target`, one of the five targets of Gnadt 2022 to which models are fitted.
 
-        | type | target | a model of it predicts |
+        | type | target | a model fitted to it predicts |
         |---|---|---|
         | `a` | truth minus core field and diurnal variation | the anomaly |
         | `b` | value of the map | the anomaly |
@@ -1507,12 +1514,12 @@ class StageMethods:
         | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
 
         Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for
-        type `e`. Apply a model of the anomaly with `predicts = "anomaly"` of `compensate`. Types
+        type `e`. To apply a model of the anomaly, set `predicts = "anomaly"` of `compensate`. Types
         `b` and `c` require `map_anomaly`, which `map_value` computes.
 
         The column has the role truth: it may be a target but not a feature. The result is NaN for a
-        sample with a missing term. The metadata `removed` list the corrections, so that no later
-        stage repeats them.
+        sample with a missing term. The metadata entry `removed` lists the corrections, so that no
+        later stage repeats them.
 
         Parameters
         ----------
@@ -1526,11 +1533,11 @@ class StageMethods:
         truth : str, optional
             Column of the true field, for `a` and `d`. Unit: nT. Default: `"mag_1_c"`.
         remove_core : bool, optional
-            Subtracts the core field `igrf` from targets `a`, `c` and `e`. Unset: true, unless it
-            has already been removed.
+            Subtracts the core field `igrf` from targets `a`, `c` and `e`. Unset: true, unless the
+            correction has already been applied.
         remove_diurnal : bool, optional
             Subtracts the diurnal variation `diurnal` from targets `a`, `c` and `e`. Unset: true,
-            unless it has already been removed.
+            unless the correction has already been applied.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -1633,38 +1640,40 @@ class StageMethods:
     ) -> TableHandle:
         """Fits a compensation model to all lines that `where` selects, as one data set.
 
-        One zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it
-        off). `trim` samples are removed at each end of every run. The model is fitted to the
-        remaining samples. Each model below has its own keys; a key of another model is rejected.
+        The same zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0`
+        switch it off). `trim` samples are removed at each end of every run. The model is fitted to
+        the remaining samples. Each model below has its own keys; a key of another model is
+        rejected.
 
-        `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The stage `features`
+        `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The `features` stage
         computes all other features. The two-step model of van der Meer 2025 consists of two fits
-        with a `compensate` between them. The target of the second fit is `mag_c`.
+        with a `compensate` stage between them. The target of the second fit is `mag_c`.
 
         `choose` selects `lambda` or the number of components. It uses generalised cross-validation,
         the corner of the L-curve, or cross-validation that omits one line or one flight at a time.
         If a whole line is omitted, its samples are not predicted from their neighbours. If a whole
-        flight is omitted, they are not predicted from effects that last a flight, such as a
-        magnetisation or a temperature. The score of an omitted line is the variance (divisor n) of
-        the prediction error. The mean of the prediction error is ignored, because a filter removes
-        constants and compensation does not determine them. All lines have equal weight. The
-        selected value is in the column `chosen`.
+        flight is omitted, its samples are not predicted from effects that last for a whole flight,
+        such as a magnetisation or a temperature. The score of an omitted line is the variance (with
+        divisor n) of the prediction error. The mean of the prediction error is ignored, because a
+        filter removes constants and compensation does not determine them. All lines have equal
+        weight. The selected value is in the column `chosen`.
 
         All points of a sweep are solved together. Each line is reduced once to a triangular factor,
-        which serves all lambdas, numbers of components and omitted lines. Normal equations are not
-        used, because they square the condition number. Coefficients are in the units of the
+        which is used for all lambdas, numbers of components and omitted lines. Normal equations are
+        not used, because they square the condition number. Coefficients are in the units of the
         columns, independent of the scaling. The intercept is the term `intercept`.
 
         `std` is the standard deviation of a coefficient. It is computed from the spectra of the
-        residual and of the terms in bands, because the filter and coloured noise correlate the
-        samples. It includes the ramp of a drifting residual from the first to the last sample. The
-        intercept's `std` excludes the effect of a random walk on the mean. `std` is null for models
-        other than ridge models. It is also null for 96 or more terms, and a note reports this.
+        residual and of the terms in frequency bands, because the filter and coloured noise
+        correlate the samples. It includes the effect of a residual that drifts from the first to
+        the last sample. The intercept's `std` excludes the effect of such a drift on the mean.
+        `std` is null for models other than ridge models. It is also null for fits with 96 or more
+        terms; a note reports this.
 
-        `rate_hz` is the rate of the first line. Terms that are differences per sample, such as
-        `xx_dot`, are converted to it on lines with other rates, so all coefficients are valid at
-        this rate. Lagged values cannot be converted and are rejected on lines with another rate.
-        Training that starts from `warm_start` keeps the rate of that table.
+        `rate_hz` is the rate of the first line. On lines with other rates, terms that are
+        differences per sample, such as `xx_dot`, are converted to this rate. All coefficients are
+        therefore valid at this rate. Lagged values cannot be converted and are rejected on lines
+        with another rate. Training that starts from `warm_start` keeps the rate of that table.
 
         A filter removes the mean of the target, so the constant part of the aircraft field is not
         determined.
@@ -1682,28 +1691,29 @@ class StageMethods:
         unsuitable for the filter, are omitted and listed in the table `failures`.
 
         `approximation_bound` bounds the error of the model's linear form. This form approximates
-        the change of the magnitude by the projection of the aircraft field on the earth's field. It
-        neglects up to b^2/2 of the total field, where b is the ratio of the two fields. The bound
-        is computed from the permanent and induced coefficients for the worst attitude. It is null
-        if the terms do not determine it, or if the target is not a total field.
+        the change in magnitude by the projection of the aircraft field on the earth's field. The
+        error is up to b^2/2 of the total field, where b is the aircraft field divided by the
+        earth's field. The bound is computed from the permanent and induced coefficients for the
+        worst attitude. It is null if the terms do not determine this bound, or if the target is not
+        a total field.
 
         `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of
         the model over all frequencies. They are the smallest white noise and first-order
         Gauss-Markov noise that together bound the Allan variance of the unfiltered residual on the
-        lines of the fit. `igrf` and `diurnal` are subtracted from a total field if present. Without
-        `igrf` the core field is computed at the INS positions and the line's date. The crustal
-        anomaly is unknown here and counts as noise. The noise of a calibration at low height is
-        therefore overestimated. A time constant longer than the lines cannot be resolved. The
-        columns are null if the lines are shorter than 16 s.
+        lines of the fit. From a residual of the total field, `igrf` and `diurnal` are subtracted if
+        present. Without `igrf`, the core field is computed at the INS positions and the line's
+        date. The crustal anomaly is unknown here and counts as noise. The noise of a calibration at
+        low height is therefore overestimated. A time constant longer than the lines cannot be
+        resolved. The columns are null if the lines are shorter than 16 s.
 
-        `warm_start` names the table of another fit of the same kind of network, in this pipeline or
-        published. Training starts from its weights instead of random weights, for example from the
-        weights for an aircraft with more flight data. Inputs, layers, activation, linear terms and
-        members must be the same. Inputs and target are scaled as in that network, because its
-        weights depend on the scales. Its constant is replaced by the constant of the new lines.
-        Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network.
-        Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
-        lines.
+        `warm_start` names the table of another fit of the same kind of network: a table of this
+        pipeline, or a published table. Training starts from its weights instead of random weights,
+        for example from the weights for an aircraft with more flight data. Both fits must have the
+        same inputs, layers, activation, linear terms and members. Inputs and target are scaled as
+        in the earlier network, because its weights depend on the scales. The constant is fitted to
+        the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of
+        the earlier network. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are
+        fitted to the new lines.
 
         Parameters
         ----------
@@ -1715,19 +1725,19 @@ class StageMethods:
         "boosted_trees", "random_features"}
             Compensation model.
         target : str
-            Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage
-            `target`. Unit: nT.
+            Column to which the model is fitted, such as `mag_4_uc`, or `target`, which the `target`
+            stage makes. Unit: nT.
         warm_start : TableLike, optional
             Input: model, optional.
         features : ListLike, optional
             Input columns of the model: lists such as `tl` and `features`, or single columns.
             Default: `["tl"]`.
         entries : ListLike, optional
-            Entries of the lists in `features` to use, in this order. Each is given by its name, or
-            by a prefix (the part before a `_`) that selects all names beginning with it, such as
-            `TL_A_flux_a`. A row must be finite in all entries of the lists, selected or not. The
-            lists are factored once for all choices of entries, so a sweep over `entries` is fast.
-            Unset: all entries.
+            Entries of the lists in `features` to use, in this order. Each is given by its name or
+            by a prefix. A prefix, such as `TL_A_flux_a`, is the part of a name before a `_`; it
+            selects all names that begin with it. A row must be finite in all entries of the lists,
+            selected or not. The matrix of all entries is factored only once, so a sweep over
+            `entries` is fast. Unset: all entries.
         choose : {"given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"}, optional
             Method that selects `lambda` or `components`. The permitted values depend on the model.
             Default: `"given"`.
@@ -1740,10 +1750,10 @@ class StageMethods:
             in partial least squares and whitened components. Its `StandardScaler` uses the divisor
             n; the same ridge then requires `lambda` n / (n - 1). Unset: the default of the model.
         whiten : float, optional
-            Fits to whitened principal components of the features instead of the features. A value
-            of 1 or more is the number of components, a value below 1 the fraction of the variance.
-            The table still holds coefficients of the features. Allowed: above 0. Unset: no
-            whitening.
+            Fits the model to whitened principal components of the features, instead of the features
+            themselves. A value of 1 or more is the number of components, a value below 1 the
+            fraction of the variance. The table still holds coefficients of the features. Allowed:
+            above 0. Unset: no whitening.
         intercept : bool, optional
             Also fits a constant, without a penalty. Unset: true with `whiten`, otherwise the
             default of the model.
@@ -1770,8 +1780,8 @@ class StageMethods:
             For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`: Values of
             `lambda` to choose from. Unset: a grid computed from the features.
         l1_ratio : float, optional
-            For `elastic_net`: Fraction of the penalty on absolute values. Allowed: 0 to 1. Default:
-            `0.99`.
+            For `elastic_net`: Fraction of the penalty that applies to the absolute values of the
+            coefficients. Allowed: 0 to 1. Default: `0.99`.
         components : int, optional
             For `pls`: Number of components, or the maximum number if `choose` selects it. If the
             number of components equals the number of terms, the result is ordinary least squares,
@@ -1779,13 +1789,13 @@ class StageMethods:
             For `truncated_svd`: Number of components, or the maximum number if `choose` selects it.
             Allowed: 1 to 10000. Default: `18`.
         with_targets : ListLike, optional
-            For `pls`: Further columns that are fitted together with `target`, with common
+            For `pls`: Further columns that are fitted together with `target` and share its
             components. The table holds the coefficients of `target`. Unit: nT. Default: `[]`.
         loss : {"huber", "student_t"}, optional
             For `robust`: Loss function of a residual. Default: `"huber"`.
         scale : {"mad", "joint"}, optional
             For `robust`: Estimator of the scale of the residuals: their median absolute deviation,
-            or an estimate together with the coefficients. Default: `"mad"`.
+            or a joint estimate with the coefficients. Default: `"mad"`.
         threshold : float, optional
             For `robust`: Residual at which Huber's loss changes from quadratic to linear, in units
             of the scale. Allowed: above 0. Default: `1.345`.
@@ -1796,36 +1806,36 @@ class StageMethods:
             row. With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
         hidden : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units of each hidden layer, for
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units in each hidden layer, for
             up to three layers. Allowed: 1 to 1000. Unset: `[8]`; `[11]` for `tlnn` and `etlnn`, as
-            in van der Meer 2025; none for `m3tf`; with `warm_start`: the layers of its network.
+            in van der Meer 2025; none for `m3tf`; with `warm_start`, the layers of that network.
         activation : {"swish", "relu", "tanh", "sigmoid"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Activation function of the hidden units.
             Default: `"swish"`.
         inputs : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: entries of
-            `features`, each given by its name or by a prefix (the part before a `_`) that selects
-            all names beginning with it. Unset: all features.
-            For `boosted_trees`: Inputs of the trees: entries of `features`, each given by its name
-            or by a prefix (the part before a `_`) that selects all names beginning with it. Unset:
-            all features.
-            For `random_features`: Inputs of the model: entries of `features`, each given by its
-            name or by a prefix (the part before a `_`) that selects all names beginning with it.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: names of entries
+            of `features`, or prefixes. A prefix is the part of a name before a `_`; it selects all
+            names that begin with it. Unset: all features.
+            For `boosted_trees`: Inputs of the trees: names of entries of `features`, or prefixes. A
+            prefix is the part of a name before a `_`; it selects all names that begin with it.
+            Unset: all features.
+            For `random_features`: Inputs of the model: names of entries of `features`, or prefixes.
+            A prefix is the part of a name before a `_`; it selects all names that begin with it.
             Unset: all features.
         epochs : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs with Adam. Allowed: 0 to
-            100000. Default: `200`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of training epochs with Adam.
+            Allowed: 0 to 100000. Default: `200`.
         lbfgs_epochs : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of L-BFGS iterations on all
-            samples after Adam. Allowed: 0 to 10000. Default: `0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of L-BFGS iterations after
+            training with Adam. Each iteration uses all samples. Allowed: 0 to 10000. Default: `0`.
         batch : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of samples per step of Adam. Unit:
-            samples. Allowed: 1 to 10000000. Default: `2048`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of samples in each step of Adam.
+            Unit: samples. Allowed: 1 to 10000000. Default: `2048`.
         learning_rate : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning rate of Adam. Allowed: above 0.
@@ -1843,13 +1853,13 @@ class StageMethods:
             linear, in units of the target's scale. Allowed: above 0. Default: `1.0`.
         weight_decay : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight decay (AdamW): a step of Adam
-            subtracts this fraction of each weight, times the learning rate. Allowed: 0 or above.
-            Default: `0.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight decay (AdamW): each step of Adam
+            multiplies the weights by 1 minus the product of this value and the learning rate.
+            Allowed: 0 or above. Default: `0.0`.
         dropout : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the hidden units that a
-            training step omits. Allowed: 0 to 0.9. Default: `0.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the hidden units that each
+            training step omits at random. Allowed: 0 to 0.9. Default: `0.0`.
         group_lasso : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of the sparse group lasso on the
@@ -1857,8 +1867,8 @@ class StageMethods:
         group_share : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the lasso penalty that is
-            applied to the weights of each input as a group. The remainder is applied to single
-            weights. Allowed: 0 to 1. Default: `1.0`.
+            applied to the weights of each input as a group. The remaining fraction is applied to
+            individual weights. Allowed: 0 to 1. Default: `1.0`.
         validation : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines (`1003.08` or `1003/1003.08`) or
@@ -1876,44 +1886,44 @@ class StageMethods:
             validation loss. Allowed: above 0. Unset: training builds all trees.
         members : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks that are trained from
-            different initial weights and averaged. Their spread gives the standard deviation of the
-            prediction. Allowed: 1 to 100. Default: `1`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks that start from
+            different initial weights and whose predictions are averaged. The spread of their
+            predictions gives `mag_aircraft_sigma` of `compensate`. Allowed: 1 to 100. Default: `1`.
         seed : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed of initial weights, batch order and
-            dropout. Default: `0`.
-            For `boosted_trees`: Seed of the subsample of each tree. Default: `0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed for the initial weights, the order
+            of the batches, and dropout. Default: `0`.
+            For `boosted_trees`: Seed for the subsample of each tree. Default: `0`.
             For `random_features`: Seed of the random features. Default: `0`.
         physics : float, optional
             For `m2a`, `m2c`, `m2d`: Weight, in the loss function, of the squared difference between
-            the predictions of the network and of the linear model. The difference is relative to
+            the predictions of the network and of the linear model. This difference is divided by
             the scale of the target. Allowed: 0 or above. Default: `0.0`.
         linear : ListLike, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Terms of the linear model: entries of `features`, each given by its
-            name or by a prefix (the part before a `_`) that selects all names beginning with it.
+            `tlnn`, `etlnn`: Terms of the linear model: names of entries of `features`, or prefixes.
+            A prefix is the part of a name before a `_`; it selects all names that begin with it.
             Unset: for `etlnn`, all features; for other models, the Tolles-Lawson terms in
             `features` or, if there are none, the terms of the core-field model. Other features,
             such as slopes or terms of the extended model, are inputs of the network only.
         linear_low_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Lower corner frequency of the filter of the linear fit. With 0 the
+            `tlnn`, `etlnn`: Lower corner frequency of the filter for the linear fit. With 0 the
             filter has no lower corner. Unit: Hz. Allowed: 0 or above. Default: `0.1`.
         linear_high_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Upper corner frequency of the filter of the linear fit. With 0 the
+            `tlnn`, `etlnn`: Upper corner frequency of the filter for the linear fit. With 0 the
             filter has no upper corner. Unit: Hz. Allowed: 0 or above. Default: `0.9`.
         coupling : {"magnitude", "projection"}, optional
-            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Scalar field of the aircraft,
-            computed from its vector. Default: `"magnitude"`.
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Method that computes the scalar
+            aircraft field from its vector. Default: `"magnitude"`.
         bt_scale_nt : float, optional
-            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: `bt_scale_nt` of the stage that
-            computes the terms, for `coupling = "magnitude"`. Unit: nT. Allowed: above 0. Default:
-            `50000.0`.
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Value of `bt_scale_nt` in the
+            stage that computes the terms, for `coupling = "magnitude"`. Unit: nT. Allowed: above 0.
+            Default: `50000.0`.
         curriculum_sigma : float, optional
-            For `m3sc`, `m3vc`: Limit that selects the samples of the first phases: largest distance
-            of the error of the ridge fit from its mean, in standard deviations of this error.
+            For `m3sc`, `m3vc`: Limit that selects the samples of the first phases: largest
+            deviation of the ridge fit's error from its mean, in standard deviations of this error.
             Allowed: above 0. Default: `1.0`.
         window : int, optional
             For `m3w`, `m3tf`: Number of samples in the window. Unit: samples. Allowed: 2 to 4096.
@@ -1926,26 +1936,26 @@ class StageMethods:
             For `gru`, `lstm`, `tcn`: Number of features computed from the window. Allowed: 1 to
             1000. Default: `8`.
         heads : int, optional
-            For `m3tf`: Number of heads of the attention, a divisor of `units`. Allowed: 1 to 1000.
+            For `m3tf`: Number of attention heads, a divisor of `units`. Allowed: 1 to 1000.
             Default: `8`.
         trees : int, optional
             For `boosted_trees`: Maximum number of trees. Allowed: 1 to 100000. Default: `200`.
         shrinkage : float, optional
-            For `boosted_trees`: Factor applied to each tree, also called learning rate. Halving it
-            requires twice as many trees. Allowed: 0.000001 to 1. Default: `0.1`.
+            For `boosted_trees`: Factor applied to each tree, also called the learning rate. Halving
+            it requires twice as many trees. Allowed: 0.000001 to 1. Default: `0.1`.
         leaves : int, optional
-            For `boosted_trees`: Maximum number of leaves of a tree. Allowed: 2 to 65536. Default:
+            For `boosted_trees`: Maximum number of leaves per tree. Allowed: 2 to 65536. Default:
             `31`.
         depth : int, optional
             For `boosted_trees`: Maximum number of splits above a leaf. Allowed: above 0. Unset:
             limited by `leaves` only.
         leaf_samples : int, optional
-            For `boosted_trees`: Minimum number of samples of a leaf. Unit: samples. Allowed: above
+            For `boosted_trees`: Minimum number of samples per leaf. Unit: samples. Allowed: above
             0. Default: `20`.
         leaf_l2 : float, optional
-            For `boosted_trees`: L2 penalty: added to the number of samples of a leaf when its value
-            is computed. It shrinks small leaves. Unit: samples. Allowed: 0 or above. Default:
-            `0.0`.
+            For `boosted_trees`: L2 penalty, added to the number of samples in a leaf when the value
+            of the leaf is computed. It shrinks the values of small leaves. Unit: samples. Allowed:
+            0 or above. Default: `0.0`.
         subsample : float, optional
             For `boosted_trees`: Fraction of the samples used for each tree. Allowed: 0.001 to 1.
             Default: `1.0`.
@@ -1965,8 +1975,8 @@ class StageMethods:
             For `random_features`: Variance of the errors divided by the variance of the process.
             Allowed: above 0. Unset: the most likely value.
         sigma : bool, optional
-            For `random_features`: Stores the factor from which the standard deviation of the
-            prediction is computed. Its number of rows is the square of the number of features.
+            For `random_features`: Stores the matrix factor from which the standard deviation of the
+            prediction is computed. For n features, it adds n² rows to the table of the fit.
             Default: `true`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
@@ -1985,8 +1995,8 @@ class StageMethods:
 
         References
         ----------
-        Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to
-        2.4, 4.1 and 4.2.1.
+        Gnadt 2022, (3.19) to (3.43), Figure 5-6 for `warm_start`; van der Meer 2025, sections 2.2
+        to 2.4, 4.1 and 4.2.1.
         """
         return self._stage("fit", locals())
 
@@ -2007,17 +2017,17 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
+        """Subtracts from a scalar magnetometer the aircraft field that a fitted model predicts.
 
         Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their
         sum is the reading of the magnetometer. Both are NaN if the sample lacks a term of the
         model.
 
-        Terms that are differences per sample are converted to the rate of the fit, so a line may
-        have a different rate from the fit. A central difference underestimates the rate of change
-        at frequency f by the fraction (2 pi f / rate)^2 / 6. At f = 0.2 Hz this is 0.3 % at 10 Hz
-        and 1 % at 5 Hz. If the rates may differ, a model without a stored rate or with a lagged
-        feature is rejected.
+        Terms that are differences per sample are converted to the rate of the fit, so the rate of a
+        line may differ from the rate of the fit. A central difference underestimates the rate of
+        change at frequency f by the fraction (2 pi f / rate)^2 / 6. For f = 0.2 Hz, this fraction
+        is 0.3 % at a rate of 10 Hz and 1 % at 5 Hz. A model without a stored rate, or with a lagged
+        feature, is rejected if the rates may differ.
 
         The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal
         of the diurnal variation.
@@ -2026,21 +2036,22 @@ class StageMethods:
         field. `detrend` leaves the mean of the prediction over the line in the signal, as
         MagNav.jl's examples do.
 
-        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from
-        the residual of the model on its calibration lines. They are equal for all samples.
-        `navigate` uses them for noise parameters that are `"auto"`.
+        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated
+        from the residual of the model on its calibration lines. They are equal for all samples.
+        `navigate` uses them for noise parameters that are set to `"auto"`.
 
         `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an
         ensemble. It is null if the model does not provide one. A nonlinear model predicts the
-        constant part if its target includes it.
+        constant part if its target includes that part.
 
-        `parts` appends the parts of the prediction, before `detrend` and before `igrf` and
-        `diurnal` are added, in nT. `part_linear` is the prediction of the linear terms alone: all
-        of a linear model, and none of `m1`, `m2a`, trees and random features. `part_network` is the
-        rest of the prediction, from the network and constants. For the model 3 family,
-        `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms in the axes
-        of the vector magnetometer, and `part_network_x` to `part_network_z` the vector of the
-        network, which is 0 except for `m3v` and `m3vc`. These vectors are null for other models.
+        `parts` appends the parts of the prediction in nT, before `detrend` and before `igrf` and
+        `diurnal` are added. `part_linear` is the prediction of the linear terms alone. It is the
+        whole prediction of a linear model, and 0 for `m1`, `m2a`, trees and random features.
+        `part_network` is the remaining prediction, from the network and constants. For the model 3
+        family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms along
+        the axes of the vector magnetometer. `part_network_x` to `part_network_z` is the vector that
+        the network predicts; it is 0 except for `m3v` and `m3vc`. These vectors are null for other
+        models.
 
         Parameters
         ----------
@@ -2114,8 +2125,9 @@ class StageMethods:
     ) -> TableHandle:
         """Computes the importance of each input of a fitted model on each line.
 
-        Each group of inputs gives a row with `value` and, for a mean, its `spread`. The methods use
-        predictions only, so they apply to all kinds of models.
+        Each group of inputs gives a row with `value` and, if the value is a mean, its `spread`.
+        `permutation`, `shapley`, `morris` and the Sobol indices use predictions only, so they apply
+        to all kinds of models.
 
         Every entry of the features that the model uses is a separate group, unless `groups`
         combines it with others. Correlated inputs share or mask importance. Put all inputs from one
@@ -2123,13 +2135,13 @@ class StageMethods:
 
         | `method` | `value` | `spread` |
         |---|---|---|
-        | `permutation` | increase of the mean square error against `target`, in nT2 | over the repeats |
+        | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | over the repeats |
         | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
-        | `expected_gradients` | mean absolute contribution to the prediction by gradients, in nT | over the samples |
+        | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | over the samples |
         | `pearson`, `spearman` | correlation with `target` | |
         | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
         | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
-        | `morris` | mean absolute change of the prediction over the range of the input, in nT | over the trajectories |
+        | `morris` | mean absolute change in the prediction over the range of the input, in nT | over the trajectories |
         | `sobol_first` | share of the prediction's variance from the group alone | |
         | `sobol_total` | share from the group and all its interactions | |
 
@@ -2143,21 +2155,21 @@ class StageMethods:
 
         For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list
         `sample_values` holds their contributions to the prediction, and `sample_inputs` holds the
-        values of the input. They are NaN for a group of several inputs. The report draws both lists
-        for all lines together, like the beeswarm plot of the SHAP package.
+        values of the input. `sample_inputs` is NaN for a group of several inputs. The report plots
+        both lists for all lines together, like the beeswarm plot of the SHAP package.
 
         `morris` and the Sobol indices vary all inputs independently over their ranges. The range of
-        an input lies between the quantiles `tails` and 1 - `tails` of its values on the line.
-        Correlated inputs then take combinations that do not occur in the data: the values describe
-        the model over the ranges, not its behaviour on the line. The shares of correlated inputs do
-        not add up to the variance of the prediction on the line. An input that is constant on the
-        line has the value 0. `error` is the standard error; `low` and `high` are the bounds of a 95
-        % interval of a Sobol index, by bootstrap. First-order indices below the total indices show
-        interactions. The effects of a group of several inputs have no `spread`.
+        an input is from the quantile `tails` to the quantile 1 - `tails` of its values on the line.
+        Correlated inputs then take combinations that do not occur in the data. The values therefore
+        describe the model over the ranges, not its behaviour on the line. The shares of correlated
+        inputs do not add up to the variance of the prediction on the line. An input that is
+        constant on the line has the value 0. `error` is the standard error; `low` and `high` are
+        the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total
+        indices indicate interactions. The effect of a group of several inputs has no `spread`.
 
-        A sweep gives the increase of the error when an input is dropped and the model is refitted.
-        Its axis holds all subsets that lack at most one input, `{ subsets_of = [...], at_least = n
-        - 1 }`, for `entries` or `inputs` of the fit. A sweep over `seed` of the fit gives the
+        To compute the increase in error when an input is dropped and the model is refitted, use a
+        sweep. Its axis holds all subsets of `entries` or `inputs` of the fit that lack at most one
+        input: `{ subsets_of = [...], at_least = n - 1 }`. A sweep over `seed` of the fit gives the
         spread over seeds.
 
         Parameters
@@ -2172,11 +2184,11 @@ class StageMethods:
         "hard_thresholding", "group_lasso", "morris", "sobol_first", "sobol_total"}, optional
             Method that computes the importance. Default: `"permutation"`.
         groups : ListLike, optional
-            Groups of entries. Each is given by a name, or by a prefix (the part before a `_`) that
-            selects all names beginning with it, such as `TL_A_flux_a`. Default: `[]`.
+            Groups of entries, each given by a name or a prefix. A prefix, such as `TL_A_flux_a`, is
+            the part of a name before a `_`; it selects all names that begin with it. Default: `[]`.
         block_s : float, optional
-            Length of the permuted blocks. It must exceed the correlation time of the target and the
-            inputs. Unit: s. Allowed: above 0. Default: `30.0`.
+            Length of the permuted blocks. It must exceed the correlation times of the target and
+            the inputs. Unit: s. Allowed: above 0. Default: `30.0`.
         repeats : int, optional
             Number of repeats of the permutation. Allowed: 1 to 10000. Default: `10`.
         samples : int, optional
@@ -2192,17 +2204,18 @@ class StageMethods:
             Number of explained samples whose values are stored, evenly spaced. 0 stores none. Unit:
             samples. Allowed: 0 to 10000. Default: `100`.
         terms : int, optional
-            Number of entries of the linear model of `hard_thresholding`. Allowed: 1 to 10000.
+            Number of entries in the linear model of `hard_thresholding`. Allowed: 1 to 10000.
             Default: `10`.
         trajectories : int, optional
             Number of trajectories of `morris`. Each requires (groups + 1) predictions. Allowed: 2
             to 1000000. Default: `200`.
         levels : int, optional
-            Even number of levels of each input in `morris`. Allowed: 2 to 1000. Default: `4`.
+            Number of levels of each input in `morris`, an even number. Allowed: 2 to 1000. Default:
+            `4`.
         points : int, optional
-            Number of rows of each of the two random matrices of a Sobol index. The model predicts
-            (groups + 2) times as many rows. Errors are proportional to its inverse square root.
-            Allowed: 2 to 1000000. Default: `2000`.
+            Number of rows in each of the two random matrices for a Sobol index. The model predicts
+            (groups + 2) times as many rows. Errors are proportional to the inverse square root of
+            `points`. Allowed: 2 to 1000000. Default: `2000`.
         tails : float, optional
             Fraction of an input's values on the line that its range excludes at each end. 0 uses
             the extremes. Allowed: 0 to 0.49. Default: `0.01`.
@@ -2248,14 +2261,14 @@ class StageMethods:
         The true field comes from another magnetometer (`truth`) or, if that is unset, from a map,
         the core field and the diurnal variation.
 
-        The noise that `fit` reports is the residual on its calibration lines. It therefore includes
-        the anomaly and the effect of manoeuvres. `residual_noise` is more realistic: it uses lines
-        flown over a map as in navigation, and includes the error of the map. `assume_noise` assigns
-        the result to other lines, and `navigate` uses it for noise parameters that are `"auto"`. Do
-        not select the lines that are navigated.
+        `fit` estimates the noise from the residual on its calibration lines. This noise therefore
+        includes the anomaly and the effect of manoeuvres. `residual_noise` is more realistic: it
+        uses lines flown over a map as in navigation, and includes the error of the map.
+        `assume_noise` assigns the result to other lines, and `navigate` uses it for noise
+        parameters that are `"auto"`. Do not select the lines that are navigated.
 
         The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts
-        that together bound the Allan variance of the lines. A constant has no effect. A time
+        that together bound the Allan variance of the lines. A constant error has no effect. A time
         constant longer than the lines cannot be resolved. Lines without a run of 16 s are rejected.
 
         Parameters
@@ -2300,10 +2313,10 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`,
-        `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
+        """Appends the noise parameters that `residual_noise`, `fogm_noise` or `fit` estimated:
+        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
 
-        These columns replace the columns of `compensate`.
+        These columns replace those from `compensate`.
 
         Parameters
         ----------
@@ -2349,27 +2362,28 @@ class StageMethods:
         `measurement_sigma_nt`. `assume_noise` reads the table.
 
         The residual is `column`, minus `truth` if that is set. Examples are a compensated signal
-        minus the true signal, the variation of a base station, or the `residual` of a track without
-        measurement updates. `residual_noise` gives the smallest noise that bounds a signal at every
-        time span, for a cautious filter. `fogm_noise` gives the best fit for noise with one time
-        scale. It represents noise with several time scales only partly.
+        minus the true signal, the variation at a base station, and the `residual` of a track
+        without measurement updates. `residual_noise` gives the smallest noise that bounds a signal
+        over every time span, for a cautious filter. `fogm_noise` gives the best fit for noise with
+        one time scale. It represents noise with several time scales only in part.
 
         `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a
-        quarter of the longest run. `allan` fits the Allan variance. Neither depends on a constant.
-        A gap ends a run. If the Gauss-Markov noise is not significant, its standard deviation is 0
-        and the time constant is the sample interval. The white noise is at least 0.01 nT.
+        quarter of the longest run. `allan` fits the Allan variance. A constant affects neither
+        statistic. A gap ends a run. If the Gauss-Markov noise is not significant, its standard
+        deviation is 0 and the time constant is the sample interval. The white noise is at least
+        0.01 nT.
 
         These are rejected: records without a run of 64 samples, constant records, and lines with
-        different sample rates. A record must also last 20 time constants in total and 8 in its
-        longest run. A shorter record does not determine the time constant.
+        different sample rates. A record must also last at least 20 time constants in total, and at
+        least 8 in its longest run. A shorter record does not determine the time constant.
 
         Parameters
         ----------
         input : TableLike
             Input: flight lines.
         column : str, optional
-            Residual, or the signal from which `truth` is subtracted. Unit: nT. Default:
-            `"residual"`.
+            Column of the residual, or of the signal from which `truth` is subtracted. Unit: nT.
+            Default: `"residual"`.
         truth : str, optional
             Column that is subtracted from `column`, such as `mag_1_c`. Unit: nT. Unset: nothing is
             subtracted.
@@ -2461,15 +2475,16 @@ class StageMethods:
 
         The network minimises the negative log-likelihood of the innovations, which requires no
         truth. With `loss = "position"` it minimises the negative log-likelihood of the true
-        position, `lat` and `lon`. Its derivatives are propagated back through the network and
-        through the covariance and state of the filter. Lines are prepared as in `navigate`, which
-        has the same keys: use equal values there. With `tuning = "auto"` the noise of each line is
-        estimated first, and the network learns how the noise changes along the line.
+        position, `lat` and `lon`. The derivatives of the loss are propagated back through the
+        network and through the covariance and state of the filter. Lines are prepared as in
+        `navigate`, which has the same keys; set them to the same values in both stages. With
+        `tuning = "auto"` the noise of each line is estimated first, and the network learns how the
+        noise changes along the line.
 
         The table holds the weights, the scaling of the inputs, and the mean loss of each epoch
         (`epoch_loss`; `initial_loss` is the loss of `ekf`). A loss that does not fall means that
         the inputs do not predict the noise; the filter then equals `ekf`. Rows that `where` does
-        not select have no measurement. Lines of different sample rates are rejected.
+        not select have no measurement. Lines with different sample rates are rejected.
 
         Parameters
         ----------
@@ -2478,14 +2493,14 @@ class StageMethods:
         map : TableLike
             Input: map.
         network_noise : {"r", "q", "both"}, optional
-            Noise that the network sets: of the measurement (`"r"`), of the temporal variation
+            Noise that the network sets: measurement noise (`"r"`), noise of the temporal variation
             (`"q"`), or both. Default: `"r"`.
         loss : {"likelihood", "position"}, optional
             Quantity whose negative log-likelihood is the loss: the innovations or the true
             position. Default: `"likelihood"`.
         features : ListLike, optional
-            Columns that are further inputs of the network, such as currents. A value that is not
-            finite is rejected. Unset: none.
+            Columns that are additional inputs of the network, such as electric currents. Values
+            that are not finite are rejected. Unset: none.
         hidden : int, optional
             Number of units in the layer of the network. Allowed: 1 to 256. Default: `8`.
         limit : float, optional
@@ -2494,22 +2509,22 @@ class StageMethods:
         epochs : int, optional
             Number of passes through the lines. Allowed: 1 to 100000. Default: `30`.
         window_s : float, optional
-            Length of time over which derivatives are propagated back. Unit: s. Allowed: above 0.
+            Time span over which derivatives are propagated back. Unit: s. Allowed: above 0.
             Default: `200.0`.
         learning_rate : float, optional
-            Learning rate of the first step. It falls to 0 along half a period of a cosine. Allowed:
-            above 0. Default: `0.01`.
+            Learning rate of the first step. The rate then falls to 0 along half a period of a
+            cosine. Allowed: above 0. Default: `0.01`.
         seed : int, optional
             Seed of the initial weights. Default: `0`.
         tuning : {"auto", "magnav"}, optional
             Source of unset parameters. `auto` estimates the noise of each line from the likelihood
             of its innovations, rejects outliers, and continues a map of known height to the flight
             heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-            height. A key in the spec overrides either. Default: `"auto"`.
+            height. A key in the spec takes precedence over both. Default: `"auto"`.
         mag : ListLike, optional
-            Measured field of one or several magnetometers. A filter that cannot process
-            magnetometers separately uses their mean at each sample, with the noise of a mean of
-            independent readings. Each magnetometer has its own offset. Unit: nT. Default:
+            Columns of the field measured by one or several magnetometers. A filter that cannot
+            process magnetometers separately uses their mean at each sample, with the noise of a
+            mean of independent readings. Each magnetometer has its own offset. Unit: nT. Default:
             `["mag_c"]`.
         core_field : bool, optional
             Predicts the core field as part of the measurement. `false`: the measurement is an
@@ -2523,29 +2538,30 @@ class StageMethods:
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map. The field above its sources is smooth, so a spline is closer
-            to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+            Interpolation of the map. The field above its sources is smooth, so spline interpolation
+            is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+            else `linear`.
         map_levels_m : ListLike, optional
-            Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-            map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-            continued to the flight heights, otherwise it is used at its own height.
+            Heights above the ellipsoid, ascending, to which the map is continued. Between these
+            heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+            is continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-            added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-            is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-            on the interpolation error that the map implies.
+            added to the measurement noise of each sample. The map error is looked up at the
+            position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+            map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+            `error`, or on the interpolation error that the map implies.
         offset_window_s : float, optional
-            Length of the window from the start of a line over which the mean of measurement minus
+            Length of the window, from the start of a line, in which the mean of measurement minus
             prediction is computed. This offset is subtracted from the measurements before
             filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
             Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
-            Standard deviation of the white noise of a measurement, from the sensor, the map and the
-            residual of the compensation. `"auto"` uses the residual of the calibration, from the
-            column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-            "auto"`, otherwise 5.0.
+            Standard deviation of the white noise of a measurement. It includes the noise of the
+            sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+            from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+            `tuning = "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -2556,23 +2572,24 @@ class StageMethods:
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
             `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-            added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-            Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+            added to the square of `measurement_sigma_nt`. A sample without a value in this column
+            has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+            samples.
         start : {"auto", "fix", "alignment", "given"}, optional
             Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
             are not valid minutes later. Default: `"auto"`.
         fix : ListLike, optional
-            Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-            2 s of the line's start are used. White noise with the fix's standard deviations is
-            added to columns with the role truth. It is reproducible for each line. Unset:
-            `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-            `alt`.
+            Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+            values within 2 s of the line's start are used. White noise with the fix's standard
+            deviations is added to columns with the role truth. This noise is reproducible for each
+            line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+            `lon` and `alt`.
         fix_velocity : ListLike, optional
-            Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-            without these columns, the velocity of the INS.
+            Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+            `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+            and `vd`; without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+            Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2580,9 +2597,9 @@ class StageMethods:
             Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
             Default: `0.1`.
         vector : str, optional
-            Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-            and the aircraft field at its position are neglected here. Unset: equal noise in all
-            attitudes.
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+            purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+            noise in all attitudes.
         sensor_axis : ListLike, optional
             Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -2591,29 +2608,29 @@ class StageMethods:
             of the sensor's signal, and inversely proportional to the amplitude. A sample whose
             amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
             Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
             alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
             column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+            Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
             or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-            than the level tilt errors, because the INS finds north by the earth's rotation, which
-            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-            tilt error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+            error.
         vrw_sigma : float, optional
             Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
             above. Default: `0.000238`.
@@ -2816,14 +2833,15 @@ class StageMethods:
         filters below.
 
         The states are the errors of the INS (truth minus INS) and the temporal variation. The
-        estimate is INS plus state. Each row holds the state a posteriori. `update` gives the
-        outcome of the measurement: `used`; `missing` (NaN); `off_map` (predicted position off the
-        map or in an unknown cell); `gated` (outlier); `flat` (map too flat to observe the position,
-        `flat_over_m`); `unused` (not needed by the filter). Without a used measurement the filter
-        makes only the time update, and `residual` and `nis` are NaN.
+        estimate is the INS value plus the state. Each row holds the state a posteriori. `update`
+        gives the outcome for the measurement: `used`; `missing` (NaN); `off_map` (predicted
+        position off the map or in a cell with an unknown node); `gated` (outlier); `flat` (map too
+        flat to observe the position, `flat_over_m`); `unused` (not needed by the filter). If no
+        measurement is used, the filter makes only the time update, and `residual` and `nis` are
+        NaN.
 
-        A flat map without a core field corrects the temporal variation only. With a core field, the
-        slope of the core field also corrects the position slightly. A NaN in an INS column is
+        On a flat map, without a core field, a measurement corrects only the temporal variation.
+        With a core field, its slope also corrects the position slightly. A NaN in an INS column is
         rejected, and the error message gives its row. Missing velocities, specific forces and
         attitudes are derived from the INS positions. A derived attitude is level, with the yaw
         along the course.
@@ -2831,15 +2849,16 @@ class StageMethods:
         The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it.
         `map_height_error` is the expected rms error of the whole map at the mean height of the
         line, from the spectrum of the map. For a continued map it is the error of downward
-        continuation: amplified noise and the field that damping removes. It is NaN where the map's
+        continuation: amplified noise plus the field that damping removes. It is NaN if the map's
         height is unknown. A map in eastings and northings is interpolated on its native grid.
 
         Filters that linearise the map require an initial position within the distance over which
         the map is linear. `start_sigma` is the initial standard deviation of the position.
         `start_sigma_limit` is the largest standard deviation at which the linearisation error is
         below the white noise, or below a third of the linear change of the map (median over a
-        minute). A larger start is flagged (`wide_start` in the table of warnings), because these
-        filters may then diverge unnoticed. Use `filter = "mpf_then_ekf"`.
+        minute). A larger initial standard deviation is flagged (`wide_start` in the table of
+        warnings), because these filters may then diverge unnoticed. In this case, use `filter =
+        "mpf_then_ekf"`.
 
         The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's
         first sample with both `year` and `doy`. A flight without a date is rejected unless
@@ -2848,10 +2867,11 @@ class StageMethods:
         `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set
         to the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
         `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
-        `residual_noise` and `assume_noise` estimate them from lines over a known field. With
-        `offset_window_s` the offset removes the slowly varying error of the first seconds, and the
-        variance and time constant of the remaining error are doubled. With `measurement_sigma_nt =
-        "auto"` the error of bilinear interpolation between nodes is added to the white noise.
+        `residual_noise` and `assume_noise` estimate them from lines over a known field. If
+        `offset_window_s` is set, the offset removes the slowly varying error at the start of the
+        line. The assumed variance and time constant of the remaining error are then doubled. With
+        `measurement_sigma_nt = "auto"`, the error of bilinear interpolation between nodes is added
+        to the white noise.
 
         Parameters
         ----------
@@ -2868,11 +2888,11 @@ class StageMethods:
             Source of unset parameters. `auto` estimates the noise of each line from the likelihood
             of its innovations, rejects outliers, and continues a map of known height to the flight
             heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
-            height. A key in the spec overrides either. Default: `"auto"`.
+            height. A key in the spec takes precedence over both. Default: `"auto"`.
         mag : ListLike, optional
-            Measured field of one or several magnetometers. A filter that cannot process
-            magnetometers separately uses their mean at each sample, with the noise of a mean of
-            independent readings. Each magnetometer has its own offset. Unit: nT. Default:
+            Columns of the field measured by one or several magnetometers. A filter that cannot
+            process magnetometers separately uses their mean at each sample, with the noise of a
+            mean of independent readings. Each magnetometer has its own offset. Unit: nT. Default:
             `["mag_c"]`.
         core_field : bool, optional
             Predicts the core field as part of the measurement. `false`: the measurement is an
@@ -2886,29 +2906,30 @@ class StageMethods:
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map. The field above its sources is smooth, so a spline is closer
-            to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+            Interpolation of the map. The field above its sources is smooth, so spline interpolation
+            is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
+            else `linear`.
         map_levels_m : ListLike, optional
-            Heights above the ellipsoid, ascending, to which the map is continued. Between them the
-            map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map is
-            continued to the flight heights, otherwise it is used at its own height.
+            Heights above the ellipsoid, ascending, to which the map is continued. Between these
+            heights the map is interpolated linearly. Unit: m. Unset: with `tuning = "auto"` the map
+            is continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-            added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-            is assumed to be exact; `tuning = "auto"` estimates a factor on the column `error`, or
-            on the interpolation error that the map implies.
+            added to the measurement noise of each sample. The map error is looked up at the
+            position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
+            map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
+            `error`, or on the interpolation error that the map implies.
         offset_window_s : float, optional
-            Length of the window from the start of a line over which the mean of measurement minus
+            Length of the window, from the start of a line, in which the mean of measurement minus
             prediction is computed. This offset is subtracted from the measurements before
             filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
             Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
-            Standard deviation of the white noise of a measurement, from the sensor, the map and the
-            residual of the compensation. `"auto"` uses the residual of the calibration, from the
-            column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
-            "auto"`, otherwise 5.0.
+            Standard deviation of the white noise of a measurement. It includes the noise of the
+            sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
+            from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
+            `tuning = "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
@@ -2919,23 +2940,24 @@ class StageMethods:
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
             `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-            added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
-            Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+            added to the square of `measurement_sigma_nt`. A sample without a value in this column
+            has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
+            samples.
         start : {"auto", "fix", "alignment", "given"}, optional
             Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
             are not valid minutes later. Default: `"auto"`.
         fix : ListLike, optional
-            Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
-            2 s of the line's start are used. White noise with the fix's standard deviations is
-            added to columns with the role truth. It is reproducible for each line. Unset:
-            `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
-            `alt`.
+            Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
+            values within 2 s of the line's start are used. White noise with the fix's standard
+            deviations is added to columns with the role truth. This noise is reproducible for each
+            line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
+            `lon` and `alt`.
         fix_velocity : ListLike, optional
-            Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
-            without these columns, the velocity of the INS.
+            Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
+            `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
+            and `vd`; without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
+            Standard deviation of the fix's position along each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2943,9 +2965,9 @@ class StageMethods:
             Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
             Default: `0.1`.
         vector : str, optional
-            Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
-            and the aircraft field at its position are neglected here. Unset: equal noise in all
-            attitudes.
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
+            purpose, its noise and the aircraft field at its position are neglected. Unset: equal
+            noise in all attitudes.
         sensor_axis : ListLike, optional
             Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
@@ -2954,29 +2976,29 @@ class StageMethods:
             of the sensor's signal, and inversely proportional to the amplitude. A sample whose
             amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and
-            `*_tau_s`) are unset. `magnav` uses the defaults shown for these keys. `navigation` is a
+            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
+            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
             Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at the
+            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
             alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
             column `ins_grade` instead if present.
         init_position_sigma_m : float, optional
-            Standard deviation of the initial horizontal position error, for each axis. Unit: m.
+            Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
         init_altitude_sigma_m : float, optional
             Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
             `0.001`.
         init_velocity_sigma_mps : float, optional
-            Standard deviation of the initial velocity error, for each axis. Unit: m/s. Allowed: 0
+            Standard deviation of the initial velocity error along each axis. Unit: m/s. Allowed: 0
             or above. Default: `0.01`.
         init_attitude_sigma_deg : float, optional
-            Standard deviation of the initial tilt error, for each axis. Unit: deg. Allowed: 0 or
+            Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
-            than the level tilt errors, because the INS finds north by the earth's rotation, which
-            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
-            tilt error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
+            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
+            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
+            error.
         vrw_sigma : float, optional
             Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
             above. Default: `0.000238`.
@@ -3024,29 +3046,31 @@ class StageMethods:
             "auto"` rejects outliers before the filter.
         discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `slam`, `crlb`: Discretisation of the process noise: to second
-            order, to first order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
+            `fixed_lag`, `rts`, `slam`, `crlb`: Discretisation of the process noise: `trapezoidal`
+            is of second order, `rectangular` of first order as in MagNav.jl, and `van_loan` exact.
+            Default: `"trapezoidal"`.
         gnss_lost_s : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times at which
             GNSS is lost and recovered, in seconds from the first sample of the line. Before the
-            loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
-            600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
-            the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
-            not used.
+            loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. With
+            `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten minutes. A
+            recovery time after the end of the line means that GNSS is not recovered. Unit: s.
+            Allowed: 0 or above. Unset: GNSS is not used.
         gnss : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns of the
-            GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset: `gnss_lat`,
-            `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`.
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns with the
+            GNSS latitude (deg), longitude (deg) and height above the ellipsoid (m). Unset:
+            `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+            `alt`.
         gnss_interval_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Time between two
-            GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Time between
+            successive GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
         gnss_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard
-            deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed: above 0.
+            deviation of the GNSS position along each horizontal axis. Unit: m. Allowed: above 0.
             Default: `2.0`.
         gnss_alt_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
@@ -3055,30 +3079,32 @@ class StageMethods:
         gnss_noise : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
-            with these standard deviations to the positions. It is reproducible for each line.
-            Without it, simulated positions are exact, and the filter appears more accurate than it
-            would be with real GNSS. Unset: true if `gnss` names columns whose role is `truth`.
+            to the GNSS positions, with the standard deviations `gnss_sigma_m` and
+            `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
+            simulated positions are exact, and the filter appears more accurate than with real GNSS.
+            Unset: true if `gnss` names columns whose role is `truth`.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Compares each
-            GNSS position with the INS, by a chi-square test of this position and by a cumulative
-            sum over earlier positions. Rejected positions are not used. A jump is detected at once.
-            A drift of 1 m/s is detected after about 10 s; all positions since its start are then
-            rejected. Positions are accepted again after ten consecutive positions agree with the
-            INS. `gnss_update` is appended even if this key is false. Default: `true`.
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each GNSS
+            position against the INS position, by a chi-square test of this position and by a
+            cumulative sum over earlier positions. Rejected positions are not used. A jump is
+            detected at once. A drift of 1 m/s is detected after about 10 s; all positions since the
+            start of the drift are then rejected. Positions are accepted again after ten consecutive
+            positions agree with the INS. `gnss_update` is appended even if this key is false.
+            Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. Their
-            difference, first minus second, measures the slope of the map along the line between
-            them. The temporal variation and all other common errors cancel in it. Cannot be
-            combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
-            steps. Unit: nT. Unset: the difference is not used.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. The
+            difference between their readings, first minus second, measures the slope of the map
+            along the line between them. The temporal variation and all other common errors cancel
+            in this difference. Cannot be combined with `map_interpolation = "linear"`, because the
+            slope of a bilinear map has steps. Unit: nT. Unset: the difference is not used.
         gradient_baseline_m : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Vector from the second magnetometer of `gradient`
-            to the first, body frame: nose, right, down. It is rotated by the attitude of the INS.
-            The estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
-            finite. Unset: required with `gradient`.
+            to the first, in the body frame (nose, right, down). The attitude of the INS rotates
+            this vector to the navigation frame. The estimated error of this attitude is part of the
+            measurement model. Unit: m. Allowed: finite. Unset: required with `gradient`.
         gradient_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of the
@@ -3086,7 +3112,7 @@ class StageMethods:
         gradient_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying error of
-            the difference, caused for example by the undetermined constants of two calibrations.
+            the difference. It can result from the undetermined constants of the two calibrations.
             Unit: nT. Allowed: 0 or above. Default: `1.0`.
         gradient_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
@@ -3095,66 +3121,66 @@ class StageMethods:
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
-            along the line between the magnetometers. Multiplied by the baseline, it gives an error
-            in the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
-            uses the maximum-likelihood value from the innovations of the difference. This value
-            also reveals maps made from sparse lines. For a map without a vertical slope (one
-            height, no `map_levels_m`), the error increases by the vertical baseline times the rms
-            slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+            along the line between the magnetometers. Multiplied by the baseline, this error gives
+            an error of the difference. Like the map's anomalies, it is correlated along the track.
+            `"auto"` uses the maximum-likelihood value from the innovations of the difference. A
+            large value can reveal a map made from widely spaced lines. For a map without a vertical
+            slope (one height, no `map_levels_m`), the error of the difference increases by the
+            vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses `mag` for the measurement update too. `false`
-            uses only the difference and the vector, for example in a magnetic storm. Default:
-            `true`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses the scalar measurement `mag` in the
+            measurement update. With `false`, the update uses only the difference and the vector
+            measurement, for example in a magnetic storm. Default: `true`.
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
-            component of `vector`. If set, the vector measures the scalar field and the attitude,
-            except for the rotation about the field direction. Requires `core_field` and a vector
-            magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-            not used.
+            component of `vector`. If set, the reading of the vector magnetometer becomes a
+            measurement of the total field and of the attitude, except for the rotation about the
+            field direction. Requires `core_field` and a vector magnetometer with its own
+            calibration. Unit: nT. Allowed: above 0. Unset: the vector is not used.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component.
-            In a field of 50,000 nT, a bias of 50 nT corresponds to an attitude error of 0.06°.
-            Unit: nT. Allowed: 0 or above. Default: `50.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component
+            of `vector`. In a field of 50,000 nT, a bias of 50 nT corresponds to an attitude error
+            of 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
         vector_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above
             0. Default: `3600.0`.
         vector_crustal_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the part of each
-            crustal-field component that a map of the scalar anomaly does not determine. A typical
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the part of each component
+            of the crustal field that a map of the scalar anomaly does not determine. A typical
             value is the standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default:
             `50.0`.
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the part of the crustal
-            field whose standard deviation is `vector_crustal_sigma_nt`; typically the height above
-            the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+            field that `vector_crustal_sigma_nt` describes; typically the height above the sources.
+            Unit: m. Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Column of measured heights above the ellipsoid,
             such as `baro`, from a barometer that does not already aid the INS. Unit: m. Unset: the
-            height of the INS and its barometer is used.
+            height of the INS, aided by its barometer, is used.
         height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of the
-            height. Unit: m. Allowed: above 0. Default: `3.0`.
+            measured height. Unit: m. Allowed: above 0. Default: `3.0`.
         height_bias_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying height
-            error caused by the weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+            error due to the weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
         height_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying height error.
             Unit: s. Allowed: above 0. Default: `3600.0`.
         map_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error, which becomes
-            a state correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error
-            is not estimated.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error. If set, the
+            error is a state of the filter, correlated along the track. Unit: nT. Allowed: 0 or
+            above. Unset: the map error is not estimated.
         map_sigma_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Distance over which the autocorrelation of the map
@@ -3162,35 +3188,35 @@ class StageMethods:
         mag_latency_sigma_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of the lag of the
-            magnetometer's time stamps. If set, the lag is a state of the filter, constant along the
-            line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0
-            omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
+            magnetometer's time stamps. If set, the lag is a state of the filter and constant along
+            the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative.
+            0 omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
             `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are assumed to be
             exact; `tuning = "auto"` sets 1.0 if a lag clearly increases the likelihood.
         map_height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of a height bias: the
             true height of the aircraft minus its assumed height on the map. Causes are a constant
-            error of the barometer, a missing geoid height, or a wrong map height. If set, the bias
-            is a state of the filter, constant along the line. It changes the prediction of the
-            scalar field only, and not `alt`. Requires a map that is continued to the heights of the
-            bias: set `map_levels_m`, or `tuning = "auto"`, which continues the map to twice this
-            value below and above the line. 0 omits this state. Appends `map_height_bias` and
-            `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or
-            above. Unset: the height is assumed to be exact; `tuning = "auto"` sets 50 if the levels
-            of the map contain the bias and it clearly increases the likelihood.
+            error of the barometer, a missing geoid height, and a wrong map height. If set, the bias
+            is a state of the filter and constant along the line. It changes only the prediction of
+            the total field, not `alt`. Requires a map that is continued to a range of heights that
+            contains the bias. Set `map_levels_m`, or `tuning = "auto"`, which continues the map to
+            twice this value below and above the line. 0 omits this state. Appends `map_height_bias`
+            and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0
+            or above. Unset: the height is assumed to be exact; `tuning = "auto"` sets 50 if the
+            bias is within the levels of the map and clearly increases the likelihood.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change in the aircraft's
             permanent field since calibration, per component (nose, right, down). The three
-            components are further states. Their effect on the scalar field follows from the
-            attitude and the core field. A constant offset of 100 nT (standard deviation) is a
+            components are additional states. Their effect on the total field follows from the
+            attitude and the core field. A constant offset with a standard deviation of 100 nT is a
             fourth state. Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf`
             and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning = "auto"` estimates it by
             maximum likelihood if these states clearly increase the likelihood.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change of the permanent
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change in the permanent
             field. Unit: s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`,
             otherwise the change is constant along the line.
         flat_over_m : float, optional
@@ -3206,32 +3232,32 @@ class StageMethods:
             For `fixed_lag`: Maximum number of iterations per window. Default: `15`.
             For `rts`: Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
         tolerance_m : float, optional
-            For `iekf`: Position change of an iteration step below which the iteration ends. Unit:
-            m. Allowed: above 0. Default: `0.1`.
-            For `rts`: Largest position change along the line in one iteration, below which the
-            iteration ends. Unit: m. Allowed: above 0. Default: `0.1`.
+            For `iekf`: Position change per iteration below which the iteration ends. Unit: m.
+            Allowed: above 0. Default: `0.1`.
+            For `rts`: Limit on the position change. The iteration ends when no position on the line
+            changes by more in one iteration. Unit: m. Allowed: above 0. Default: `0.1`.
         alpha : float, optional
             For `ukf`: Scale factor of the distance of the outer points from the centre. Allowed:
             above 0. Default: `1.0`.
         beta : float, optional
             For `ukf`: Parameter of the central sigma point, whose weight in the covariance exceeds
-            its weight in the mean by 1 - alpha² + beta; at least -alpha² kappa/3. Averaged over
-            directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of
-            the true variance. The filter is therefore cautious with a beta of 2. Allowed: finite.
-            Default: `2.0`.
+            its weight in the mean by 1 - alpha² + beta. The minimum is -alpha² kappa/3. Averaged
+            over directions, the variance computed for the nonlinearity of the field is (5 + 4
+            beta)/8 of the true variance. With a beta of 2, the filter is therefore cautious.
+            Allowed: finite. Default: `2.0`.
         kappa : float, optional
             For `ukf`: Parameter of the outer points, which are alpha sqrt(3 + kappa) standard
-            deviations from the centre; above -3. With 0 the gain is exact to the fourth moment of a
-            normal distribution. Allowed: finite. Default: `0.0`.
+            deviations from the centre. It must be above -3. With 0, the gain is exact to the fourth
+            moment of a normal distribution. Allowed: finite. Default: `0.0`.
         adapt : {"r", "q", "both"}, optional
-            For `ekf_adaptive`: Estimated noise: of the measurement (`"r"`), of the process (`"q"`),
-            or both. Default: `"r"`.
+            For `ekf_adaptive`: Noise that is estimated: measurement noise (`"r"`), process noise
+            (`"q"`), or both. Default: `"r"`.
         window : int, optional
-            For `ekf_adaptive`: Number of past innovations in the estimate. With 50 innovations the
-            noise is accurate to 10 %; with 10, as in MagNav.jl, to 20 %. With 10 the forms
-            `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is then
-            far overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
-            Default: `50`.
+            For `ekf_adaptive`: Number of past innovations in the estimate. With 50 innovations, the
+            noise is accurate to 10 %; with 10, as in MagNav.jl, to 20 %. With 10 innovations, the
+            forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is
+            then strongly overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to
+            1000000. Default: `50`.
         sigma_min_nt : float, optional
             For `ekf_adaptive`: Lower bound of the estimated noise. Unit: nT. Allowed: above 0.
             Unset: half of the noise that `tuning = "auto"` estimates, else a twentieth of
@@ -3247,30 +3273,30 @@ class StageMethods:
             starts at the mean of the bounds and subtracts the present covariance from all squared
             innovations. Default: `"residual"`.
         features : ListLike | str, optional
-            For `nekf`: Columns that are further inputs of the network, such as currents. A value
-            that is not finite is rejected. Unset: none.
+            For `nekf`: Columns that are additional inputs of the network, such as electric
+            currents. Values that are not finite are rejected. Unset: none.
             For `ekf_online_nn`: List column of the network's inputs, as made by `features` or
             `a_matrix`. Default: `"features"`.
         save_inputs : bool, optional
             For `nekf`: Appends the inputs of the network before standardisation. Default: `false`.
         walk_per_hour : float, optional
             For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
-            hour, divided by its prior standard deviation. With 0 the coefficients are constants.
-            The wide prior of a cold start does not describe changes in flight. Allowed: 0 or above.
-            Unset: 0.1 with `model`, else 0.0.
+            hour, divided by its prior standard deviation. With 0 the coefficients are constants. In
+            a cold start the default is 0, because the wide prior does not describe changes in
+            flight. Allowed: 0 or above. Unset: 0.1 with `model`, else 0.0.
             For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
             prior standard deviation; 0 for constant coefficients. Allowed: 0 or above. Default:
             `0.0`.
         flux_bias_sigma_nt : float, optional
-            For `ekf_online_tl`: Standard deviation of a bias of each axis of `vector`, from which
-            the terms are computed. If set, the bias is estimated. Unit: nT. Allowed: above 0.
+            For `ekf_online_tl`: Standard deviation of the bias of each axis of `vector`, from which
+            the terms are computed. If set, these biases are estimated. Unit: nT. Allowed: above 0.
             Unset: `vector` is exact.
         flux_bias_tau_s : float, optional
-            For `ekf_online_tl`: Time constant of that bias. Unit: s. Allowed: above 0. Unset: the
-            bias is constant.
+            For `ekf_online_tl`: Time constant of these biases. Unit: s. Allowed: above 0. Unset:
+            the bias is constant.
         bt_scale_nt : float, optional
-            For `ekf_online_tl`: Field scale of the terms, as in the `a_matrix` that made them.
-            Unit: nT. Allowed: above 0. Default: `50000.0`.
+            For `ekf_online_tl`: Field scale of the terms, as in the `a_matrix` stage that computes
+            them. Unit: nT. Allowed: above 0. Default: `50000.0`.
         terms : str, optional
             For `ekf_online_tl`, `fixed_lag`: List column of the terms, as made by `a_matrix`.
             Default: `"tl"`.
@@ -3279,8 +3305,9 @@ class StageMethods:
             permanent coefficient, unless `model` supplies a prior. Unit: nT. Allowed: above 0.
             Default: `2000.0`.
         induced_sigma_nt : float, optional
-            For `ekf_online_tl`, `fixed_lag`: Standard deviation of the prior of an induced
-            coefficient, as for `permanent_sigma_nt`. Unit: nT. Allowed: above 0. Default: `1000.0`.
+            For `ekf_online_tl`, `fixed_lag`: Standard deviation of the zero-mean prior of an
+            induced coefficient, unless `model` supplies a prior. Unit: nT. Allowed: above 0.
+            Default: `1000.0`.
         eddy_sigma_nt_s : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of an eddy coefficient. Its
             term is the change of the field from sample to sample divided by the scale. The value is
@@ -3290,20 +3317,20 @@ class StageMethods:
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of the constant `bias`. Unit:
             nT. Allowed: above 0. Default: `500.0`.
         input_sigma_nt : float, optional
-            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of any other term, such as a
-            current, in nT per unit of its column. A current loop in the same cabin causes a few nT
-            per ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of any other term, such as an
+            electric current, in nT per unit of its column. A current loop in the cabin causes a few
+            nT per ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
         heading_error_sigma_nt : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of each harmonic of the
-            magnetometer's heading error: the first, second and fourth harmonic of the angle between
-            its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires `vector`.
-            Unit: nT. Allowed: above 0. Unset: the heading error is not estimated.
+            magnetometer's heading error: the first, second and fourth harmonics of the angle
+            between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
+            `vector`. Unit: nT. Allowed: above 0. Unset: the heading error is not estimated.
         prior_factor : float, optional
             For `ekf_online_tl`, `fixed_lag`: Factor on the prior standard deviations from `model`.
-            With one calibration these are the standard deviations of its fit; with several they are
+            For one calibration, these are the standard deviations of its fit. For several, they are
             the scatter between the calibrations. Coefficients of differences per sample are
-            converted from the rate of the fit to the rate of the line. At rates below about 5 Hz
-            the differences are inaccurate in manoeuvres: they underestimate a change at frequency f
+            converted from the rate of the fit to the rate of the line. At rates below about 5 Hz,
+            the differences are inaccurate in manoeuvres. They underestimate a change at frequency f
             by the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
         hidden : int, optional
             For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
@@ -3316,23 +3343,23 @@ class StageMethods:
             results on any number of threads. Default: `0`.
             For `slam`: Seed of all random draws. Default: `0`.
         passes : int, optional
-            For `ekf_online_nn`: Number of passes of the training over its samples. Allowed: 1 to
-            1000. Default: `10`.
+            For `ekf_online_nn`: Number of training passes over the samples. Allowed: 1 to 1000.
+            Default: `10`.
         memory_s : float, optional
-            For `ekf_online_nn`: Time in which the weights are expected to change by their standard
-            deviation after training. Unit: s. Allowed: above 0. Default: `3600.0`.
+            For `ekf_online_nn`: Time over which the weights are expected to change by their
+            standard deviation at the end of training. Unit: s. Allowed: above 0. Default: `3600.0`.
         save_weights : bool, optional
-            For `ekf_online_nn`: Appends the weights at each sample: weights of the inputs by hidden
-            unit, biases of the units, weights of the output, bias of the output. Default: `false`.
+            For `ekf_online_nn`: Appends the weights at each sample: the input weights of each
+            hidden unit, the biases of the units, the output weights, and the output bias. Default:
+            `false`.
         window_s : float, optional
             For `fixed_lag`: Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
         overlap : float, optional
             For `fixed_lag`: Fraction of a window that the next window shares: windows end every
             `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
         lag_s : float, optional
-            For `fixed_lag`: Delay of the estimate: a sample's estimate uses measurements up to this
-            time after the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above.
-            Default: `0.0`.
+            For `fixed_lag`: Delay of the estimate, which uses measurements up to this time after
+            the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_interval_s : float, optional
             For `fixed_lag`: Interval over which measurements are averaged into one. 0 uses every
             sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
@@ -3342,11 +3369,11 @@ class StageMethods:
             For `rts`: Loss function of a residual: quadratic, Huber's, or Cauchy's. Default:
             `"none"`.
         loss_scale : float, optional
-            For `fixed_lag`: Residual above which a robust `loss` departs from the quadratic, in
-            standard deviations of the measurement. Allowed: above 0. Default: `2.5`.
-            For `rts`: Residual above which a robust loss departs from the quadratic, in standard
-            deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with
-            `cauchy`: 95 % efficient for normal noise.
+            For `fixed_lag`: Residual above which a robust `loss` departs from the quadratic loss,
+            in standard deviations of the measurement. Allowed: above 0. Default: `2.5`.
+            For `rts`: Residual above which a robust loss departs from the quadratic loss, in
+            standard deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`,
+            2.385 with `cauchy` (95 % efficiency for normal noise).
         aircraft_sigma_nt : float, optional
             For `fixed_lag`: Standard deviation of the slowly varying aircraft field that the
             coefficients do not explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or
@@ -3381,24 +3408,24 @@ class StageMethods:
             Unit: m. Allowed: above 0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation of the position noise of each resampled particle, per
-            axis. It is in units of the range of the particles divided by the square root of their
-            number. Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
+            axis. Its unit is the range of the particles divided by the square root of their number.
+            Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
         save_modes : bool, optional
-            For `mpf`: Appends the three most probable modes of the position to each sample. Takes
-            50 % more time. Default: `false`.
+            For `mpf`: Appends the three most probable modes of the position to each sample. The run
+            time of the filter then increases by 50 %. Default: `false`.
         hand_over_weight : float, optional
-            For `mpf_then_ekf`: Smallest weight of the most probable mode at the hand-over. Allowed:
+            For `mpf_then_ekf`: Minimum weight of the most probable mode at the hand-over. Allowed:
             0.5 to 1. Default: `0.99`.
         update_interval_s : float, optional
-            For `slam`: Minimum time between two updates of the particles. Measurements within it
-            are averaged. 0 uses every sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
+            For `slam`: Minimum time between two updates of the particles. Measurements within this
+            time are averaged. 0 uses every sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
         expected_measurement : {"nearest_neighbour", "regression", "inverse_distance"}, optional
             For `slam`: Prediction of a measurement from earlier ones: from the nearest and the most
             recent (`"nearest_neighbour"`), by the regression of Lee 2019 (`"regression"`), or by
             inverse distance (`"inverse_distance"`). Default: `"nearest_neighbour"`.
         hyperparameters : {"fitted", "fixed"}, optional
-            For `slam`: Source of the three hyper-parameters: maximum likelihood on the first part
-            of the flight, or the spec. Default: `"fitted"`.
+            For `slam`: Source of the three hyper-parameters: a maximum-likelihood fit to the first
+            part of the flight, or the spec. Default: `"fitted"`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             For `slam`: Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -3406,10 +3433,11 @@ class StageMethods:
             the value of the Louisa flight in Lee 2019.
         length_m : float, optional
             For `slam`: Correlation length of the anomaly. Unit: m. Allowed: above 0. Unset: 150 m,
-            as for `sigma_se_nt`.
+            the value of the same flight.
         sigma_n_nt : float, optional
             For `slam`: Standard deviation of the white part of the anomaly, in addition to the
-            measurement noise. Unit: nT. Allowed: 0 or above. Unset: 1 nT, as for `sigma_se_nt`.
+            measurement noise. Unit: nT. Allowed: 0 or above. Unset: 1 nT, the value of the same
+            flight.
         fit_window_s : float, optional
             For `slam`: Length of the first part of the flight, to which the hyper-parameters are
             fitted. Unit: s. Allowed: above 0. Default: `600.0`.
@@ -3417,22 +3445,23 @@ class StageMethods:
             For `slam`: Maximum number of earlier samples in a prediction. Allowed: 1 to 20.
             Default: `12`.
         ignore_s : float, optional
-            For `slam`: Length of the time before a sample within which other samples do not count
-            as earlier samples. Unit: s. Allowed: 0 or above. Default: `30.0`.
+            For `slam`: Time before a sample in which other samples do not count as earlier samples.
+            Unit: s. Allowed: 0 or above. Default: `30.0`.
         trigger_radius_m : float, optional
-            For `slam`: Radius of the circle used to detect a revisit. A sample is a revisit if more
-            than `trigger_points` earlier samples lie within this radius. Unit: m. Allowed: above 0.
-            Unset: 18 m, or 1.6 times the distance between samples.
+            For `slam`: Radius within which earlier samples count as a revisit. A sample is a
+            revisit if more than `trigger_points` earlier samples lie within this radius. Unit: m.
+            Allowed: above 0. Unset: 18 m, or 1.6 times the distance between samples.
         trigger_points : int, optional
-            For `slam`: A revisit is declared when more than this number of earlier samples lie
-            within `trigger_radius_m`. Default: `2`.
+            For `slam`: Number of earlier samples within `trigger_radius_m` that must be exceeded
+            for a revisit. Default: `2`.
         interpolation_radius_m : float, optional
             For `slam`: Radius within which earlier samples are used for a prediction. Unit: m.
             Allowed: above 0. Unset: half the correlation length, at most 0.4 of the distance flown
             in `ignore_s`.
         max_height_difference_m : float, optional
-            For `slam`: Maximum height difference of earlier samples. Smaller differences increase
-            the variance of these samples. Unit: m. Allowed: 0 or above. Default: `100.0`.
+            For `slam`: Maximum height difference between a sample and the earlier samples that
+            predict it. Smaller differences increase the variance of those samples. Unit: m.
+            Allowed: 0 or above. Default: `100.0`.
         interpolant_sigma_nt : float, optional
             For `slam`: Standard deviation of an inverse-distance-weighted prediction. Unit: nT.
             Allowed: above 0. Default: `10.0`.
@@ -3443,9 +3472,10 @@ class StageMethods:
             For `slam`: Replaces the track of the particles by the most probable track of the whole
             flight. Default: `false`.
         smooth_measurements : int, optional
-            For `slam`: Maximum number of measurements in the smoother. If there are more, each is
-            the mean of a few neighbours, and others are omitted. Computing time is proportional to
-            the third power of this number. Allowed: 2 to 5000. Default: `1000`.
+            For `slam`: Maximum number of measurements in the smoother. A longer flight is divided
+            into this number of groups of samples. Samples near the middle of each group are
+            averaged, and the others are omitted. Computing time is proportional to the third power
+            of this number. Allowed: 2 to 5000. Default: `1000`.
         smooth_sigma_nt : float, optional
             For `slam`: Standard deviation of the white noise of a measurement in the smoother. The
             particles assume more noise because there are few of them. Unit: nT. Allowed: above 0.
@@ -3484,16 +3514,16 @@ class StageMethods:
         """Appends the value of a map at every sample: the anomaly `map_anomaly` and its slopes
         `map_grad_n`, `map_grad_e`, `map_grad_u` (per metre north, east and up).
 
-        Use it to compare a signal with the map, or to assess a map for navigation. The result is
-        NaN for a sample off the map, in a cell with an unknown node, or without a position. A map
-        in eastings and northings is interpolated on its native grid: the position is projected, and
-        the slopes are rotated back to north and east.
+        Use `map_value` to compare a signal with the map, or to assess a map for navigation. The
+        result is NaN for a sample off the map, in a cell with an unknown node, or without a
+        position. A map in eastings and northings is interpolated on its native grid: the position
+        is projected, and the slopes are rotated back to north and east.
 
-        By default the map is used at its native height and has no vertical slope. `map_levels_m`
-        gives heights to which the map is continued. The stage interpolates between them, so that
-        the values follow climbs and descents. The result is NaN for a sample more than half a step
-        above or below the levels. Downward continuation amplifies short wavelengths, so keep the
-        levels at or above the map.
+        By default, the map is used at its own height, and `map_grad_u` is 0. `map_levels_m` gives
+        the heights to which the map is continued. The stage interpolates between these levels, so
+        that the values follow climbs and descents. The result is NaN for a sample more than half a
+        step above or below the levels. Downward continuation amplifies short wavelengths, so keep
+        the levels at or above the height of the map.
 
         Parameters
         ----------
@@ -3507,11 +3537,11 @@ class StageMethods:
             as features requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`,
             `ins_lon` and `ins_alt`, otherwise the true position.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map. The field above its sources is smooth, so a spline is closer
-            to it than a bilinear map. Default: `"cubic"`.
+            Interpolation of the map. The field above its sources is smooth, so spline interpolation
+            is more accurate than bilinear interpolation. Default: `"cubic"`.
         map_levels_m : ListLike, optional
             Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
-            Unset: the map is used at its native height.
+            Unset: the map is used at its own height.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -3555,19 +3585,19 @@ class StageMethods:
         `map_gradient_n` and `map_gradient_e` are the slopes of the map to the north and east, and
         `map_gradient` is the magnitude of the slope. `map_sd_sample` is the position accuracy of
         one measurement along that slope. `map_sd_expected` is the expected root mean square
-        horizontal error from the measurements within `window_s` about the sample. Use it to plan
-        flights over informative parts of a map, and to find where no filter could have been more
-        accurate.
+        horizontal error from the measurements within `window_s` about the sample. Use `map_quality`
+        to plan flights over informative parts of a map, and to find where the map limits the
+        accuracy of any filter.
 
         `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the
         square root of the trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g
-        in the window. It holds for an unbiased filter with perfect knowledge of its motion within
-        the window and no earlier position. It assumes independent sample errors with standard
+        in the window. It holds for an unbiased filter that has exact knowledge of its motion within
+        the window but no earlier position. It assumes independent sample errors with standard
         deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
-        variation are correlated. Multiply `sigma_nt` by the square root of the number of correlated
-        samples. `unknown_constant` subtracts the mean slope, which gives the bound for a
-        measurement with an unknown constant (`map_position_bound` of `score` is this bound over the
-        whole line).
+        variation are correlated. In this case, multiply `sigma_nt` by the square root of the number
+        of correlated samples. `unknown_constant` subtracts the mean slope, which gives the bound
+        for a measurement with an unknown constant. `map_position_bound` of `score` is this bound
+        over the whole line.
 
         All columns are NaN for a sample off the map, in a cell with an unknown node, or without a
         position. Both bounds are NaN where the map is flat. `map_sd_expected` is also NaN where all
@@ -3586,18 +3616,18 @@ class StageMethods:
             INS position. Columns computed at the true position have the role truth, so using them
             as features requires `allow_truth`. Default: `"truth"`.
         sigma_nt : float, optional
-            Standard deviation of the error of a measurement, from the sensor, the map and the
-            residual of the compensation, per sample. Unit: nT. Allowed: above 0. Default: `5.0`.
+            Standard deviation of the error of each sample, including errors of the sensor, the map
+            and the compensation. Unit: nT. Allowed: above 0. Default: `5.0`.
         window_s : float, optional
             Length of the window about each sample. Unit: s. Allowed: above 0. Default: `60.0`.
         unknown_constant : bool, optional
-            Treats a constant of the measurement as unknown. Default: `false`.
+            Assumes that the measurement contains an unknown constant. Default: `false`.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map. The field above its sources is smooth, so a spline is closer
-            to it than a bilinear map. Default: `"cubic"`.
+            Interpolation of the map. The field above its sources is smooth, so spline interpolation
+            is more accurate than bilinear interpolation. Default: `"cubic"`.
         map_levels_m : ListLike, optional
             Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
-            Unset: the map is used at its native height.
+            Unset: the map is used at its own height.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -3648,23 +3678,24 @@ class StageMethods:
     ) -> TableHandle:
         """Grids survey lines to a map.
 
-        It subtracts the core field and the diurnal variation, levels the lines at their crossings,
-        removes outliers, and fits a surface.
+        The stage subtracts the core field and the diurnal variation, levels the lines at their
+        crossings, removes outliers, and fits a surface.
 
-        Use it to make a navigation map from a survey, with the lines that `where` selects.
+        Use `map_grid` to make a navigation map from the survey lines that `where` selects.
         `equivalent_sources` gives a potential field on a level, which can be continued. By default
         the level is the height of the highest point. `minimum_curvature` interpolates at the
         heights flown and requires no heights. Levelling is part of this stage because crossings are
-        found among the gridded points, on the plane of the map and after the reduction. Do not grid
-        the lines that are navigated: the map would then contain the field along them.
+        found among the points that are gridded, in the map's coordinates and after the reduction to
+        blocks. Do not grid the lines that are navigated: the map would then contain the field along
+        them.
 
         These points are omitted: points without a position, a value or, for equivalent sources, a
         height; duplicates; outliers along a line; points far from all others; and lines of fewer
         than five points. These inputs are rejected: a level below the points, a spacing wider than
         the area, levelling of lines that do not cross, and a core field for points without a date.
 
-        `cross_validate` predicts every line from other lines. The column `error` then holds the
-        expected error of each node.
+        With `cross_validate`, every line is predicted from other lines. The column `error` then
+        holds the expected error of each node.
 
         Parameters
         ----------
@@ -3681,10 +3712,10 @@ class StageMethods:
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the values. Default: `false`.
         level_order : int, optional
-            Order of the levelling correction of each line: 0 for a constant, 1 for a linear
+            Order of the polynomial that levels each line: 0 for a constant, 1 for a linear
             correction, and so on. Allowed: 0 to 8. Unset: no levelling.
         crossing_height_m : float, optional
-            Largest height difference of two lines at a crossing. Unit: m. Allowed: 0 or above.
+            Largest height difference between two lines at a crossing. Unit: m. Allowed: 0 or above.
             Default: `50.0`.
         method : {"equivalent_sources", "minimum_curvature"}, optional
             Gridding method. Default: `"equivalent_sources"`.
@@ -3705,7 +3736,7 @@ class StageMethods:
             Side of the blocks to which points are reduced. 0 keeps every point. Unit: m. Allowed: 0
             or above. Unset: a quarter of the distance between lines, at most 200 m.
         mask_m : float, optional
-            Distance from the nearest point beyond which nodes are unknown. `inf` for no limit.
+            Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
             Unit: m. Unset: twice the distance between lines.
         keep_outliers : bool, optional
             Keeps points that deviate from their line, and points far from all others. Default:
@@ -3774,27 +3805,27 @@ class StageMethods:
 
         `sd` is the standard deviation of each node.
 
-        Use it to plot, score and navigate on the anomaly that an aircraft measured without a map.
-        `track` is the table of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are
-        the positions of the measurements of `input`. Without `track` they are the flight's own
-        `lat`, `lon` and `alt`, from GNSS. For survey lines that are first levelled and cleaned, use
-        `map_grid`.
+        Use `track_map` to plot and score an anomaly that was measured without a map, and to
+        navigate on it. `track` is the table of a `navigate` stage, for example with the filter
+        `slam`. Its `lat`, `lon` and `alt` are the positions of the measurements in `input`. Without
+        `track`, the positions are the flight's own `lat`, `lon` and `alt`, from GNSS. If the survey
+        lines require levelling and the removal of outliers, use `map_grid`.
 
         The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
-        of the lines. The size of the equations therefore does not depend on the length of the
-        flight. Each line may have its own constant, and each flight its own temporal variation. The
-        kernel is the same as in `slam`, fitted by maximum likelihood to segments of the lines. The
-        map is at the mean height of the measurements; height differences are treated as noise.
+        of the lines. The number of equations therefore does not depend on the length of the flight.
+        Each line may have its own constant, and each flight its own temporal variation. The kernel
+        is the same as in `slam`, fitted by maximum likelihood to segments of the lines. The map is
+        at the mean height of the measurements; height differences are treated as noise.
 
-        The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map
+        The effect of the track's position covariance (`sd_n`, `sd_e`, `cov_ne`) on a sloping map
         counts as measurement noise and is included in `sd`. An error common to the whole track
         shifts the map. The measurements do not reveal it, so `sd` is only as accurate as the
         covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
 
         Rows without a position, its standard deviation, a height or a measurement are skipped. The
-        stage rejects lines and tracks with different samples, a core field without a date, and an
-        area that is too large for the length of the kernel. Divide such an area by `bounds`;
-        measurements more than three lengths beyond them are skipped.
+        stage rejects a track whose samples differ from those of its line, a core field without a
+        date, and an area that is too large for the kernel length. Divide such an area with
+        `bounds`; measurements more than three kernel lengths beyond the bounds are skipped.
 
         Parameters
         ----------
@@ -3818,12 +3849,12 @@ class StageMethods:
             Interval over which measurements are averaged. 0 uses every sample. Unit: s. Allowed: 0
             or above. Default: `1.0`.
         hyperparameters : {"fitted", "fixed"}, optional
-            Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the
+            Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the
             spec. Default: `"fitted"`.
         position_sigma_m : float, optional
-            Standard deviation, north and east, that is added to the standard deviation of the
-            track. It describes an error that the track's covariance omits, such as the error of
-            `slam` before its first revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
+            Standard deviation, north and east, of an additional position error of the track. This
+            error is one that the track's covariance omits, such as the error of `slam` before its
+            first revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -3843,17 +3874,16 @@ class StageMethods:
             Standard deviation of the constant of each line, if there are several lines; 0 for none.
             Unit: nT. Allowed: 0 or above. Default: `3.0`.
         spacing_m : float, optional
-            Distance between nodes. Unit: m. Allowed: above 0. Unset: a sixth of the length of the
-            kernel.
+            Distance between nodes. Unit: m. Allowed: above 0. Unset: a sixth of the kernel length.
         bounds : ListLike, optional
             West, south, east and north bounds of the map: eastings and northings in metres. Unit:
             m. Unset: all measurements.
         max_sd_nt : float, optional
-            Largest standard deviation of a known node. Nodes above it are unknown. Unit: nT.
-            Allowed: above 0. Unset: a quarter of the standard deviation of the anomaly.
+            Largest standard deviation of a known node. Nodes with a larger one are unknown. Unit:
+            nT. Allowed: above 0. Unset: a quarter of the standard deviation of the anomaly.
         max_functions : int, optional
             Maximum number of functions in the expansion of the anomaly. Computing time grows with
-            its third power. Allowed: 1 to 20000. Default: `3000`.
+            the third power of this number. Allowed: 1 to 20000. Default: `3000`.
         to_epsg : int, optional
             EPSG code of the map's coordinate system. Allowed: 1 to 65535. Unset: the UTM zone of
             the measurements.
@@ -3901,7 +3931,7 @@ class StageMethods:
         """Fills the unknown nodes of a map, first from other maps in the order of `with`, then from
         their surroundings.
 
-        Other maps are converted to the coordinate system of the map. Lower maps are continued
+        The other maps are converted to the coordinate system of the map. Lower maps are continued
         upward to its height. Their difference from the map in the overlap (`bias`) is removed.
         Values filled from the surroundings contain no information about the anomaly there.
         `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large
@@ -3922,18 +3952,19 @@ class StageMethods:
             `minimum_curvature`, which continues the slope at the gap's edge; or `none`. Default:
             `"knn"`.
         neighbours : int, optional
-            Number of neighbours in a mean. Allowed: above 0. Default: `3`.
+            Number of nodes in the mean of `knn`. Allowed: above 0. Default: `3`.
         power : float, optional
-            Weights neighbours by 1/distance^`power`. Allowed: above 0. Unset: equal weights.
+            Power in the weights 1/distance^`power` of the nodes in the mean. Allowed: above 0.
+            Unset: equal weights.
         within_m : float, optional
             Distance from the nearest known node beyond which nodes remain unknown. Unit: m.
             Allowed: above 0. Unset: all nodes are filled.
         feather_m : float, optional
-            Width of the transition at the edge between two maps. Unit: m. Allowed: 0 or above.
-            Default: `1000.0`.
+            Width of the transition between two maps at their common edge. Unit: m. Allowed: 0 or
+            above. Default: `1000.0`.
         bias : {"nothing", "constant", "plane"}, optional
-            Difference of the other maps from the map. It is estimated in the overlap and removed
-            from the other maps. Default: `"constant"`.
+            Difference between the other maps and the map. It is estimated in the overlap and
+            removed from the other maps. Default: `"constant"`.
         extend : bool, optional
             Extends the map to the combined extent of all maps. Default: `false`.
         name : str, optional
@@ -3974,15 +4005,16 @@ class StageMethods:
     ) -> TableHandle:
         """Continues a map to another height, or differentiates it.
 
-        It continues one level to another, a draped map to a level, or a level to the heights of
-        another map on the same grid (`drape`).
+        A level map is continued to another level or to the heights of another map on the same grid
+        (`drape`), and a draped map to a level.
 
-        Use it to bring a map to the flight height, or above the highest of several maps before they
-        are combined. Upward continuation is a stable smoothing. Downward continuation amplifies
-        short wavelengths and noise, so it is damped by `alpha_m2`. The damping removes part of the
-        signal. Unknown nodes are filled by minimum curvature for the transform and are unknown
-        again in the result. The field beyond the map's edges is unknown. Keep the distance below
-        1/50 of the shorter side, or remove the edges afterwards.
+        Use `map_continue` to bring a map to the flight height, or to bring several maps to one
+        height before they are combined. Upward continuation is stable, because it smooths the
+        field. Downward continuation amplifies short wavelengths and noise, so it is damped by
+        `alpha_m2`. The damping removes part of the signal. Unknown nodes are filled by minimum
+        curvature for the transform and are unknown again in the result. The field beyond the map's
+        edges is unknown. Keep the change of height below 1/50 of the map's shorter side, or remove
+        the edges afterwards.
 
         These are rejected: a map without a known height, a derivative of a draped map, and a
         `drape` that is on another grid or has one height for all nodes.
@@ -4021,7 +4053,7 @@ class StageMethods:
 
         References
         ----------
-        Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward).
+        Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward continuation).
         """
         return self._stage("map_continue", locals())
 
@@ -4045,10 +4077,10 @@ class StageMethods:
 
         The operations run in the order of the parameters.
 
-        Use it to bring maps onto one grid, or to remove the edges of a continued map. Resampling
-        uses polynomials of degree nine, or lower near edges and unknown nodes. A node within two
-        nodes of an unknown node becomes unknown. Stages that interpolate a map project positions
-        themselves, so a map need not be converted for them.
+        Use `map_convert` to bring maps onto one grid, or to remove the edges of a continued map.
+        Resampling uses polynomials of degree nine, and of lower degree near edges and unknown
+        nodes. A node within two nodes of an unknown node becomes unknown. Stages that interpolate a
+        map project positions themselves, so a map need not be converted for them.
 
         Bounds outside the map are rejected, and so is the periodic extension of a map that is
         draped or has gaps.
@@ -4064,7 +4096,7 @@ class StageMethods:
             Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
             Allowed: above 0. Unset: at most the spacing of the map.
         bounds : ListLike, optional
-            Bounds of the part to keep: west, south, east and north, in coordinates of that system.
+            Bounds of the part to keep: west, south, east and north, in the new coordinate system.
             Unset: the whole map.
         trim : bool, optional
             Removes rows and columns without values at the edges. Default: `false`.
@@ -4109,23 +4141,25 @@ class StageMethods:
         A sweep over `component` gives all three.
 
         The anomaly is the component of the anomaly field along the core field. Above all sources
-        the anomaly field is the gradient of a potential. For the direction f of the core field and
-        the wavenumber k, the spectra of the components (east, north, up) are
+        the anomaly field is the gradient of a potential. Let A be the spectrum of the anomaly, f
+        the direction of the core field and k the wavenumber. The spectra of the components (east,
+        north, up) are then
 
         B_e = i k_e A/d, B_n = i k_n A/d, B_u = -|k| A/d, with d = i (f_e k_e + f_n k_n) - f_u |k|
 
-        of the spectrum A of the anomaly. The direction applies to the centre of the map. It follows
-        from `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map,
-        grid north is corrected to true north.
+        The direction f is the direction at the centre of the map. It follows from `decimal_year`,
+        or from `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected
+        to true north.
 
         |d| is at least |k| sin |I| at the inclination I, so errors of the map are amplified by up
-        to 1/sin |I|. Near the magnetic equator a map does not contain waves across the core field.
-        Below 15 degrees of inclination these waves are damped, the components are too small, and a
-        warning is given. The mean and the trend of a map have no direction. They are assumed to be
-        parallel to the core field. The field beyond the map's edges is unknown; discard a margin of
-        15 nodes. Inside it, components of dipoles below the map have errors of 1 % at inclinations
-        of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown nodes are
-        filled by minimum curvature for the transform and are unknown again in the result.
+        to 1/sin |I|. Near the magnetic equator, waves whose k is perpendicular to the core field
+        are missing from the map. At inclinations below 15 degrees, these waves are damped, the
+        components are too small, and a warning is reported. The mean and the trend of a map have no
+        direction. They are assumed to be parallel to the core field. The field beyond the map's
+        edges is unknown; discard a margin of 15 nodes. Within this margin, components of dipoles
+        below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16 degrees,
+        and 8 to 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for the transform
+        and are unknown again in the result.
 
         The result has the unit nT, but it is not a total-field anomaly: do not navigate with it.
         These are rejected: a draped map, a map of a derivative, and a direction that is missing or
@@ -4198,29 +4232,30 @@ class StageMethods:
         """Scores each line: a compensated signal against the truth, and a track against the true
         positions.
 
-        `input` names one or several tables with the same samples, for example the table with the
+        `input` names one or several tables with the same samples, for example the table of the
         compensated signal and the table of the track. If `metrics` is unset, the stage scores all
         built-in metrics that can be computed from these tables. Each metric is a row with `metric`,
         `value`, `unit` and `n`, the number of samples (for crossings: number of pairs). Rows with a
         NaN are excluded from a metric and its `n`; a metric without samples has a null value. A
-        metric that cannot be computed for a line has a null value and the reason in `note`. An
-        example is an upper corner above half the sample rate. The other metrics are kept. The run
-        reports a warning, or fails if `metrics` names the metric.
+        metric that cannot be computed for a line, for example because `high_hz` exceeds half the
+        sample rate, has a null value and the reason in `note`. The other metrics are kept. The run
+        reports a warning, or fails if `metrics` lists the metric.
 
         The published table also has `in_sample`: true if the line was used to make the model, noise
-        or map behind the score, or to choose a parameter in a search. Such a score is an error of
-        the fit, not of a prediction, and is never selected as the best of a sweep. Noise that
-        `navigate` estimates on the navigated line uses no truth, so it does not make the line in
-        sample. Models read from files are assumed to be fitted to other lines.
+        or map behind the score, or to choose a parameter in a search. Such a score measures the
+        error of the fit, not of a prediction, and is never selected as the best of a sweep. The
+        noise that `navigate` estimates on the navigated line does not put the line in sample,
+        because the estimate uses no truth data. Models read from files are assumed to be fitted to
+        other lines.
 
         The table `scores_pooled` of the pipeline has one row per point and metric. Its `value`
         pools the lines that are not in sample (all lines if every line is in sample), and
-        `value_in_sample` pools the others. For a radius, `spread` holds the quantiles of its
-        samples, from which the pooled radius is computed.
+        `value_in_sample` pools the others. For a radius, `spread` holds quantiles of the samples'
+        errors, from which the pooled radius is computed.
 
-        With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios
-        are computed from the signals alone and include the anomaly. The run lists the metrics that
-        a truth would add.
+        With `truth`, errors are relative to the truth. Without it, `std_uncompensated` and the
+        ratios are computed from the signals alone and include the anomaly. The run lists the
+        metrics that require `truth`.
 
         A table computed by `map_value` adds scores of the map: the agreement of the signal with the
         map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
@@ -4230,18 +4265,18 @@ class StageMethods:
         errors, such as those of maps and the temporal variation, increase the actual error.
 
         A track is also tested against its own covariance: `nees_consistent` and `nis_consistent`
-        are tests at 95 %. `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or
-        samples with known expected values for a consistent filter. Innovations on both sides of a
-        sample without a measurement do not count as neighbours. `correlated_nis` is the NIS of
-        averages of innovations.
+        are tests with a 95 % band. `whiteness`, `error_within_3sigma` and `divergence` are shares
+        of lags or samples with known expected values for a consistent filter. Innovations on both
+        sides of a sample without a measurement do not count as neighbours. `correlated_nis` is the
+        NIS of averages of innovations.
 
         Parameters
         ----------
         input : TableLike | Sequence[TableLike]
             Input: one or several tables of flight lines.
         truth : str, optional
-            Column with the true signal, such as `mag_1_c`. Unit: nT. Unset: metrics that require
-            the truth are not scored.
+            Column of the true signal, such as `mag_1_c`. Unit: nT. Unset: metrics that require the
+            truth are not scored.
         metrics : Sequence[{"std_error", "bias_error", "rms_error", "std_uncompensated",
         "improvement_ratio", "improvement_ratio_band", "snr", "anomaly_retention",
         "anomaly_retention_se", "figure_of_merit", "figure_of_merit_crossings", "drms",
@@ -4315,9 +4350,9 @@ class StageMethods:
 
         Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are
         weighted by the number of samples. `cep` and `r95` are radii of the samples of all lines.
-        Numbers of samples are added. The interval consists of percentiles over `draws` resamples of
-        lines with replacement. Whole lines are resampled because the errors within a line are
-        correlated. A single line has no interval (null).
+        Sample counts are added. The bounds of the interval are percentiles over `draws` resamples
+        of the lines, drawn with replacement. Whole lines are resampled because the errors within a
+        line are correlated. A single line has no interval (null).
 
         Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled
         over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to
@@ -4328,8 +4363,8 @@ class StageMethods:
         `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,
         divided by the pooled `std_error` of the training lines. Without `std_error` it uses the
         root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new
-        lines as on its training lines, and larger for one that overfits. In its resamples, training
-        lines are drawn only from training lines, and other lines only from other lines.
+        lines as on its training lines, and larger for one that overfits. For its interval, training
+        lines and other lines are resampled separately.
 
         Parameters
         ----------
@@ -4352,7 +4387,7 @@ class StageMethods:
         draws : int, optional
             Number of resamples. Allowed: 10 to 100000. Default: `1000`.
         seed : int, optional
-            Seed of the resamples. Default: `0`.
+            Seed for the resamples. Default: `0`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
