@@ -5,6 +5,8 @@
 //! (sum of all threads) of the fastest of several epochs. It checks that both thread counts give the same bits and that
 //! the loss has fallen. `networks.py` runs PyTorch on the same shapes, then this bench.
 
+mod processors;
+
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -13,6 +15,8 @@ use learning::network::{
     VectorFrame, train,
 };
 use numerics::random::NormalGenerator;
+
+use processors::processors;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -100,13 +104,4 @@ fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> 
     let (form, hidden) = (shape.form.word(), &shape.hidden);
     println!("{form} {hidden:?}, {threads} threads: {:.1} ms, {:.1} ms", clock_s * 1e3, processors_s * 1e3);
     Ok(trained.parameters)
-}
-
-/// Processor time of all threads, in seconds; NaN if the system does not report it.
-fn processors() -> f64 {
-    let of = |task: std::fs::DirEntry| -> Option<f64> {
-        let schedstat = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        schedstat.split_whitespace().next()?.parse().ok()
-    };
-    std::fs::read_dir("/proc/self/task").map_or(f64::NAN, |tasks| tasks.flatten().filter_map(of).sum::<f64>() * 1e-9)
 }

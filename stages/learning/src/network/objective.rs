@@ -12,7 +12,7 @@ use super::gathering::gather;
 use super::passes::{BLOCK, BlockWorkspace, Dropout, NetworkLinearTerms, PackedNetwork, dot};
 use super::shape::{NetworkForm, derived_seed, unit_uniform};
 use super::training::{NetworkSamples, NetworkTraining, SparseGroupLasso};
-use super::windowed::{FeatureExtractor, MemoryLayers, NetworkArchitecture};
+use super::windowed::{FeatureExtractor, MemoryLayers, NetworkArchitecture, WindowedNetworkShape};
 
 /// Number of blocks whose gradients are in memory together.
 const ROUND: usize = 64;
@@ -247,7 +247,8 @@ impl<'a> TrainingObjective<'a> {
         let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = taken.unwrap_or_else(|| ObjectiveWorkspace {
             buffers: BlockWorkspace::new(self.model.head),
-            body: self.model.windowed.map(|windowed| windowed.body()),
+            // The inputs of a whole window are the features themselves.
+            body: self.model.windowed.filter(|w| w.memory != MemoryLayers::Window).map(WindowedNetworkShape::body),
             features: vec![],
             d_features: vec![],
             factors: vec![],
@@ -281,9 +282,7 @@ impl<'a> TrainingObjective<'a> {
                 body.set(&self.of_body);
                 body.forward(x, rows_of_block, features);
                 factors.clear();
-                // The features of a whole window are inputs, not units.
-                let units = self.model.windowed.is_some_and(|windowed| windowed.memory != MemoryLayers::Window);
-                if let Some(Dropout { probability, seed }) = dropout.filter(|_| units) {
+                if let Some(Dropout { probability, seed }) = *dropout {
                     let mut bits = SplitMix64::new(derived_seed(seed, &[u64::MAX]));
                     let mut factor = || {
                         if unit_uniform(bits.draw()) < probability { 0.0 } else { 1.0 / (1.0 - probability) }
