@@ -16,6 +16,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, SPEC, anomaly, changed, line_of, numbers, read, stderr, stdout, write};
 
+mod first;
 mod runs;
 mod strangers;
 
@@ -89,6 +90,18 @@ impl Viewed {
         let answer = self.get(rest);
         assert_eq!(answer.status, 200, "{rest}: {}", String::from_utf8_lossy(&answer.body));
         answer.json()
+    }
+
+    /// The state of the runs, when the plan of the spec is made.
+    fn run_state(&self) -> Value {
+        for _ in 0..600 {
+            let state = self.json("api/run");
+            if state["state"] != "planning" {
+                return state;
+            }
+            thread::sleep(Duration::from_millis(100));
+        }
+        panic!("the plan is not made");
     }
 
     /// Checks that a request is rejected with this status, and with an explanation.
@@ -329,7 +342,7 @@ fn user_the_progress_of_a_run_is_followed() {
     let done = bench.run(&["--set", "axes.lambda=[0.025]"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let viewed = Viewed::new(&bench, &["spec.toml"]);
-    let state = |viewed: &Viewed| viewed.json("api/run");
+    let state = Viewed::run_state;
     let first = state(&viewed);
     let units = |state: &Value, key: &str| state["units"][key].as_u64().unwrap();
     assert_eq!((&first["state"], &first["current"]), (&"incomplete".into(), &false.into()));
@@ -366,7 +379,7 @@ fn user_failures_of_a_run_are_counted_by_kind() {
     write(&bench.path("flights/1.parquet"), &lines);
     assert_eq!(bench.run(&[]).code, 1);
     let viewed = Viewed::new(&bench, &["spec.toml"]);
-    let state = viewed.json("api/run");
+    let state = viewed.run_state();
     assert!(state["units"]["failed"].as_u64().unwrap() > 0, "{state}");
     let failures = state["failures"].as_array().unwrap();
     let times: u64 = failures.iter().map(|f| f["times"].as_u64().unwrap()).sum();

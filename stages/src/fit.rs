@@ -112,11 +112,11 @@ stage! {
     /// used rows, and `lines` lists the lines of the used rows.
     ///
     /// `condition` is the condition number of the filtered matrix; if it is large, individual coefficients are poorly
-    /// determined. With `lambda = 0`, terms that the flight does not excite are rejected by name. `trivial_share` is
-    /// the fraction of the total field that the fit attributes to the aircraft. It is 1 for the trivial solution of
-    /// band-passed fits. `warning` describes problems of the fit and is otherwise empty. Lines that failed in an
-    /// earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
-    /// unsuitable for the filter, are omitted and listed in the table `failures`.
+    /// determined. With `lambda = 0`, terms that the flight does not excite cause an error that names them.
+    /// `trivial_share` is the fraction of the total field that the fit attributes to the aircraft. It is 1 for the
+    /// trivial solution of band-passed fits. `warning` describes problems of the fit and is otherwise empty. Lines that
+    /// failed in an earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate
+    /// is unsuitable for the filter, are omitted and listed in the table `failures`.
     ///
     /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change in
     /// magnitude by the projection of the aircraft field on the earth's field. The error is up to b^2/2 of the total

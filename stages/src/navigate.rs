@@ -89,11 +89,12 @@ stage! {
     /// continued map it is the error of downward continuation: amplified noise plus the field that damping removes. It
     /// is NaN if the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
     ///
-    /// Filters that linearise the map require an initial position within the distance over which the map is linear.
-    /// `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the largest standard
-    /// deviation at which the linearisation error is below the white noise, or below a third of the linear change of
-    /// the map (median over a minute). A larger initial standard deviation is flagged (`wide_start` in the table of
-    /// warnings), because these filters may then diverge unnoticed. In this case, use `filter = "mpf_then_ekf"`.
+    /// Filters that linearise the map require an initial position error smaller than the distance over which the map is
+    /// nearly linear. `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the
+    /// largest standard deviation at which the linearisation error is below the white noise, or below a third of the
+    /// linear change of the map (median over a minute). A larger initial standard deviation is flagged (`wide_start` in
+    /// the table of warnings), because these filters may then diverge unnoticed. In this case, use
+    /// `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.

@@ -86,12 +86,12 @@ stage! {
     /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
     /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
     /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound on a constant horizontal position
-    /// offset when the measurement also has an unknown constant. It assumes independent sample errors of
+    /// offset when the measurement also contains an unknown constant. It assumes independent sample errors of
     /// `map_sigma_nt`; correlated errors, such as those of maps and the temporal variation, increase the actual error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests with a 95 %
-    /// band. `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected
-    /// values for a consistent filter. Innovations on both sides of a sample without a measurement do not count as
+    /// band. `whiteness`, `error_within_3sigma` and `divergence` are fractions of lags or of samples. For a
+    /// consistent filter, their expected values are known. Innovations on both sides of a sample without a measurement do not count as
     /// neighbours. `correlated_nis` is the NIS of averages of innovations.
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &

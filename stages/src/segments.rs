@@ -42,7 +42,7 @@ attitude = ["heading"]
 "#;
     /// Heading or course.
     heading: String, unit "deg", default "yaw";
-    /// Window over which the turn rate and the manoeuvres are computed.
+    /// Window over which the turn rate is computed and manoeuvres are detected.
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
     /// Minimum turn rate of a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;

@@ -51,8 +51,8 @@ def visit(browser):
 class Served:
     """A server of `magline view`."""
 
-    def __init__(self, spec, store):
-        program = [os.environ["MAGLINE"], "view", str(spec), "--set", f"store={store}"]
+    def __init__(self, *source):
+        program = [os.environ["MAGLINE"], "view", *map(str, source)]
         self.process = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.address = None
         for line in self.process.stdout:
@@ -70,7 +70,7 @@ class Served:
 
 @pytest.fixture(scope="session")
 def view():
-    """Starts the server of a spec in the folder of the reports, and returns its address."""
+    """Starts the server of a spec or a store in the folder of the reports, and returns its address."""
     known = {}
 
     def view(name):
@@ -79,7 +79,9 @@ def view():
         if running:
             return running
         if name not in known:
-            known[name] = Served(FOLDER / f"{name}.toml", FOLDER / name)
+            spec = FOLDER / f"{name}.toml"
+            # A folder without a spec is a store of several pipelines.
+            known[name] = Served(spec, "--set", f"store={FOLDER / name}") if spec.exists() else Served(FOLDER / name)
             assert known[name].address, f"magline view {name} printed no address"
         return known[name].address
 

@@ -153,9 +153,86 @@ where = "line = '1'"
 map = "anomaly"
 mag = "mag_1_c"
 filter = "mpf"
-particles = 300
+particles = 600
 save_modes = true
+start = "given"
+init_position_sigma_m = 5000.0
+[[stages]]
+name = "scores"
+stage = "score"
+input = ["flights", "track"]
+metrics = ["drms", "ins_drms"]
 """
+
+# Two pipelines over the same lines in one store. They share the axis lambda and two of its values. The second pipeline
+# has a network with the importance of its inputs.
+PIPELINE = """
+name = "{name}"
+store = "store"
+[tables.flights]
+path = "pair.csv"
+[axes]
+{axes}
+[[stages]]
+name = "terms"
+stage = "a_matrix"
+input = "flights"
+vector = "flux_a"
+{terms}
+[[stages]]
+name = "coefficients"
+stage = "fit"
+input = "terms"
+model = "tolles_lawson"
+target = "mag_4_uc"
+lambda = "$lambda"
+where = "{where}"
+{fit}
+[[stages]]
+name = "clean"
+stage = "compensate"
+input = "terms"
+model = "coefficients"
+mag = "mag_4_uc"
+where = "line <> 'cal'"
+[[stages]]
+name = "scores"
+stage = "score"
+input = "clean"
+truth = "mag_1_c"
+metrics = ["std_error", {metrics}]
+"""
+NETWORK = """
+[[stages]]
+name = "wanted"
+stage = "target"
+input = "terms"
+kind = "d"
+mag = "mag_4_uc"
+[[stages]]
+name = "network"
+stage = "fit"
+input = "wanted"
+target = "target"
+model = "m1"
+epochs = 12
+validation = ["plain"]
+[[stages]]
+name = "matters"
+stage = "importance"
+input = "wanted"
+model = "network"
+target = "target"
+block_s = 1.0
+"""
+KEPT = ["line = 'cal'", f"line = 'cal' and {AXIS}"]
+PAIR = {
+    "linear": PIPELINE.format(name="linear", axes="lambda = [0.0, 0.1, 10.0]", terms="", fit="", where=KEPT[0],
+                              metrics='"std_uncompensated"'),
+    "second": PIPELINE.format(name="second", axes=f"lambda = [0.1, 10.0, 1000.0]\nkept = {json.dumps(KEPT)}",
+                              terms='terms = ["permanent"]', fit="trim = 30", where="$kept",
+                              metrics='"rms_error"') + NETWORK,
+}
 
 MILLION = """
 name = "million"
@@ -217,6 +294,22 @@ def write_flights(path, lines, samples):
                 out.writerow([f"{t:.1f}", "f<i>1", line, *(f"{v:.3f}" for v in field), f"{mag:.3f}"])
 
 
+def write_pair(path):
+    """Writes a calibration line and six other lines with an aircraft field, at 10 Hz."""
+    random.seed(2)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(["tt", "flight", "line", "flux_a_x", "flux_a_y", "flux_a_z", "mag_4_uc", "mag_1_c"])
+        for k, line in enumerate(["cal", LINE, "plain", "c", "d", "e", "f"]):
+            for i in range(400):
+                t, roll, pitch = i / 10, 0.3 * math.sin(i / 7), 0.2 * math.cos(0.23 * i + k)
+                part = [0.4 * math.cos(roll), 0.4 * math.sin(roll) + 0.1 * pitch, 0.9 * math.cos(pitch)]
+                field = 50000 + 5 * math.sin(0.2 * t)
+                aircraft = 30 * part[0] - 55 * part[1] + 20 * part[2] + (10 + 5 * k) * part[1] * part[2]
+                out.writerow([f"{t:.1f}", "1", line, *(f"{50000 * p:.3f}" for p in part),
+                              f"{field + aircraft + random.gauss(0, 0.1 * (k + 1)):.3f}", f"{field:.3f}"])
+
+
 def write(folder, repository):
     """Writes all specs and their data."""
     samples = repository / "datasets/samples"
@@ -230,6 +323,9 @@ def write(folder, repository):
     (folder / "charted.synth.toml").write_text(start + lines, encoding="utf-8")
     write_flights(folder / "flights.csv", [LINE, "plain"], 300)
     (folder / "hostile.toml").write_text(HOSTILE.replace("{axis}", json.dumps(AXIS)), encoding="utf-8")
+    write_pair(folder / "pair.csv")
+    for name, text in PAIR.items():
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     write_flights(folder / "million.csv", ["long"], 1_000_000)
     (folder / "million.toml").write_text(MILLION, encoding="utf-8")
 

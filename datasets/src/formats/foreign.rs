@@ -21,13 +21,13 @@ const SIGNATURES: &[FormatSignature] = &[
     (257, b"ustar", "a tar archive", UNPACK),
     (0, b"\x0e\x03\x13\x01", "an HDF4 file", "convert it to NetCDF-4 or HDF5, for example with `h4toh5`"),
     (0, b"GRIB", "a GRIB file", "convert it to NetCDF, for example with `gdal_translate -of netCDF`"),
-    (0, b"EHFA_HEADER_TAG", "an ERDAS Imagine raster", "convert it with `gdal_translate` to GeoTIFF"),
-    (0, b"GRID1.2\0", "the header of an Esri binary grid", "convert its folder with `gdal_translate` to GeoTIFF"),
+    (0, b"EHFA_HEADER_TAG", "an ERDAS Imagine raster", "convert it to GeoTIFF with `gdal_translate`"),
+    (0, b"GRID1.2\0", "the header of an Esri binary grid", "convert its folder to GeoTIFF with `gdal_translate`"),
     (
         0,
         b"\0\0\x27\x0a\xff\xff",
         "a part of an Esri binary grid",
-        "convert its folder with `gdal_translate` to GeoTIFF",
+        "convert its folder to GeoTIFF with `gdal_translate`",
     ),
     (0, b"\0\0\x27\x0a\0\0", "an Esri shapefile", "export its points as CSV or Parquet"),
     (0, b"SQLite format 3\0", "an SQLite database, such as a GeoPackage", EXPORT),
@@ -39,9 +39,9 @@ const SIGNATURES: &[FormatSignature] = &[
     (0, b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`"),
     (0, b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (0, b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
-    (0, b"NITF", "an NITF raster", "convert it with `gdal_translate` to GeoTIFF"),
-    (0, b"ENVI\n", "the header of an ENVI raster", "convert it with `gdal_translate` to GeoTIFF"),
-    (0, b"ENVI\r\n", "the header of an ENVI raster", "convert it with `gdal_translate` to GeoTIFF"),
+    (0, b"NITF", "an NITF raster", "convert it to GeoTIFF with `gdal_translate`"),
+    (0, b"ENVI\n", "the header of an ENVI raster", "convert it to GeoTIFF with `gdal_translate`"),
+    (0, b"ENVI\r\n", "the header of an ENVI raster", "convert it to GeoTIFF with `gdal_translate`"),
     (0, b"{\\rtf", "a document in RTF", EXPORT),
 ];
 
@@ -49,7 +49,7 @@ const SIGNATURES: &[FormatSignature] = &[
 fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     let holds = |name: &str| head.path.is_dir() && head.path.join(name).is_file();
     if holds("hdr.adf") {
-        return Some(("an Esri binary grid", "convert the folder with `gdal_translate` to GeoTIFF"));
+        return Some(("an Esri binary grid", "convert the folder to GeoTIFF with `gdal_translate`"));
     }
     if [".zgroup", ".zarray", "zarr.json"].into_iter().any(holds) {
         return Some(("a Zarr store", "write it as NetCDF"));
@@ -67,7 +67,7 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
         }
         let key = |k: &str| line.strip_prefix(k).is_some_and(|rest| rest.starts_with([' ', '\t', '=']));
         if ["byteorder", "layout", "nbands"].into_iter().any(key) {
-            let help = "convert the raster with `gdal_translate` to GeoTIFF";
+            let help = "convert the raster to GeoTIFF with `gdal_translate`";
             return Some(("the header of a raw raster (.flt, .bil)", help));
         }
         return None;
@@ -76,7 +76,7 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     let ends = |ending: &str| head.path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     raw.into_iter().any(ends).then_some((
         "a raw raster, whose layout is in a file next to it",
-        "convert it with `gdal_translate` to GeoTIFF",
+        "convert it to GeoTIFF with `gdal_translate`",
     ))
 }
 

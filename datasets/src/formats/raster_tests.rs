@@ -182,7 +182,7 @@ fn unit_side_files_apply_only_to_their_own_raster() {
     // Options that contradict the file are rejected.
     fs::write(&path, tiff(&[image.clone().text(42112, SCALED)])).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("has 2 as scale or offset, but the file itself has 0.5"), "{fault}");
+    assert!(fault.contains("has 2 as scale or offset, but the raster has 0.5"), "{fault}");
     fs::remove_file(&aux).unwrap();
     fs::write(&path, tiff(&[image])).unwrap();
     // A mask in a file: the first row is the northernmost.

@@ -114,7 +114,7 @@ impl SideFiles {
                 Some(declared) if *own == plain => *own = *declared,
                 Some(declared) if declared != own => {
                     let what =
-                        format!("the `.aux.xml` file has {declared} as scale or offset, but the file itself has {own}");
+                        format!("the `.aux.xml` file has {declared} as scale or offset, but the raster has {own}");
                     return Err(ReadError::data(path, what).help("correct or remove the wrong value"));
                 }
                 _ => {}

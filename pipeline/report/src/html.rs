@@ -56,6 +56,7 @@ pub use scripts::{PageScript, SCRIPTS, STYLE};
 use source::ReportSource;
 use subject::{ReportLine, ReportSubject};
 use track::LineTracks;
+pub(crate) use training::LossCurve;
 
 /// Checks that `spec` has a store to report on, without creating one.
 ///

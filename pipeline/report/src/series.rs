@@ -277,7 +277,7 @@ impl SeriesBuilder {
             ],
         );
         self.errors.push(error);
-        if is_position(name) {
+        if is_paired(name) {
             let first = parts.iter().map(|r| column.values[r.start]).collect();
             self.numbers(column, &[(format!("{name}.first"), "first", first)]);
         }
@@ -316,9 +316,15 @@ impl SeriesBuilder {
     }
 }
 
-/// Whether rows of this column are drawn in pairs with another column.
-fn is_position(name: &str) -> bool {
-    name.ends_with("lat") || name.ends_with("lon")
+/// Whether rows of this column are drawn together with another column: positions, and the elements of a list.
+fn is_paired(name: &str) -> bool {
+    name.ends_with("lat") || name.ends_with("lon") || list_element(name).is_some()
+}
+
+/// The list and the element that a name such as `modes[2]` refers to.
+pub fn list_element(name: &str) -> Option<(&str, usize)> {
+    let (list, rest) = name.strip_suffix(']')?.rsplit_once('[')?;
+    Some((list, rest.parse().ok()?))
 }
 
 fn nullable(values: &[f64]) -> ArrayRef {

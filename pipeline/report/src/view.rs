@@ -7,6 +7,7 @@ mod catalogue;
 mod coast;
 mod lines;
 mod map;
+mod models;
 mod notes;
 mod progress;
 mod scores;
@@ -213,14 +214,11 @@ impl StoreView {
         Ok(Some(format!("SELECT {} FROM {from}{order}", listed.collect::<Vec<_>>().join(", "))))
     }
 
-    /// The published tables of scores, as PIPELINE.TABLE.
-    pub fn score_tables(&self) -> Vec<String> {
-        let of = |pipeline: Arc<PublishedPipeline>| {
-            let names = pipeline.tables().into_iter();
-            let scores = names.filter(|name| pipeline.notes.table(name).is_some_and(NotedTable::is_scores));
-            scores.map(|name| format!("{}.{name}", pipeline.version.manifest.pipeline)).collect::<Vec<_>>()
-        };
-        self.pipelines().iter().filter_map(|name| self.pipeline(name).ok()).flat_map(of).collect()
+    /// The published tables of scores of a pipeline, as PIPELINE.TABLE.
+    fn score_tables(&self, name: &str) -> Vec<String> {
+        let Ok(pipeline) = self.pipeline(name) else { return vec![] };
+        let scores = |table: &String| pipeline.notes.table(table).is_some_and(NotedTable::is_scores);
+        pipeline.tables().iter().filter(|table| scores(table)).map(|table| format!("{name}.{table}")).collect()
     }
 
     /// The lineage of a table PIPELINE.TABLE as JSON.
@@ -230,6 +228,14 @@ impl StoreView {
     pub fn lineage(&self, name: &str) -> Result<Value, ViewFault> {
         let (pipeline, table) = name.split_once('.').unwrap_or((name, ""));
         self.pipeline(pipeline)?.notes.lineage(table).map_err(ViewFault::Missing)
+    }
+
+    /// The sources and tables of a pipeline with their parameters, as JSON.
+    ///
+    /// # Errors
+    /// Fails if there is no such pipeline.
+    pub fn parameters(&self, name: &str) -> Result<Value, ViewFault> {
+        Ok(self.pipeline(name)?.notes.parameters())
     }
 
     /// A string that differs after a run has published tables.

@@ -137,6 +137,11 @@ impl SnapshotPoints {
         self.axes.iter().map(|(name, values)| (name.clone(), values.values.clone())).collect()
     }
 
+    /// The distinct values of each parameter, in the order of the points.
+    pub fn parameters(&self) -> impl Iterator<Item = (&str, &[String])> {
+        self.parameters.iter().map(|(name, values)| (name.as_str(), values.values.as_slice()))
+    }
+
     /// A parameter at the first point.
     pub fn first_parameter(&self, name: &str) -> Option<&String> {
         self.parameters.get(name)?.get(0)

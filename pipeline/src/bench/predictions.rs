@@ -123,7 +123,7 @@ impl Predictions {
             let place = places
                 .get_mut(*i)
                 .and_then(|p| p.get_mut(*sample))
-                .ok_or_else(|| Fault::bug("a sample that is not there"))?;
+                .ok_or_else(|| Fault::bug("a sample that does not exist"))?;
             if let Some(before) = place.replace(row) {
                 let what = format!("flight {flight}, line {line}, tt = {tt} s is a duplicate of row {before}");
                 return Err(fault(what).help("give one prediction per sample"));

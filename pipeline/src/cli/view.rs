@@ -32,6 +32,7 @@ pub fn run(_: &[StageEntry], _: &ViewArgs) -> Result<(), ExitReason> {
 pub fn run(catalogue: &[StageEntry], args: &ViewArgs) -> Result<(), ExitReason> {
     use std::path::Path;
 
+    use ::view::ViewedSpec;
     use report::view::RunProgress;
     use schemas::Fault;
 
@@ -42,11 +43,12 @@ pub fn run(catalogue: &[StageEntry], args: &ViewArgs) -> Result<(), ExitReason> 
         std::process::exit(i32::from(interrupt::STATUS))
     });
     let folder = temporary::TemporaryFolder::new()?;
-    let serve = |store: &Path, run: Option<&RunProgress>| -> Result<(), ExitReason> {
-        let (port, program, temporary) = (args.port, super::engine::program()?, folder.path().to_owned());
-        let settings = ::view::ViewSettings { port, program, temporary };
-        Ok(settings.serve_store(catalogue, store, run, |address| err!("{address}"))?)
+    let settings = ::view::ViewSettings {
+        port: args.port,
+        program: super::engine::program()?,
+        temporary: folder.path().to_owned(),
     };
+    let started = |address: &str| err!("{address}");
     // A view does not create a store.
     let has_store = |folder: &Path, help: &str| -> Result<(), Fault> {
         store::pulled(folder)?;
@@ -58,12 +60,17 @@ pub fn run(catalogue: &[StageEntry], args: &ViewArgs) -> Result<(), ExitReason> 
         let spec = SpecArgs { spec: spec.into(), sets: args.sets.clone() };
         let read = plan::read_spec(&spec.spec, &spec.sets)?;
         has_store(&read.store, &format!("run it first: `magline run {}`", read.file))?;
-        return with_graph(catalogue, &spec, |graph, store| {
-            serve(store.root(), Some(&RunProgress::new(graph, store))).map(|()| String::new())
-        });
+        let viewed = ViewedSpec { pipeline: &read.name, file: &read.file };
+        let plan = |serve: &dyn Fn(&RunProgress)| -> Result<(), ExitReason> {
+            with_graph(catalogue, &spec, |graph, store| {
+                serve(&RunProgress::new(graph, store));
+                Ok(String::new())
+            })
+        };
+        return settings.serve_spec(catalogue, (&read.store, &viewed), Box::new(plan), started);
     }
     let given = args.source.as_deref().map(super::located).transpose().map_err(Fault::new)?;
     let store = tend::found_store(given.as_deref());
     has_store(&store, "run a spec first, then give the spec, or its store")?;
-    serve(&store, None)
+    Ok(settings.serve_store(catalogue, &store, started)?)
 }

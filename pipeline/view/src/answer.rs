@@ -6,7 +6,6 @@ use serde_json::Value;
 
 use crate::{
     ViewData,
-    page::page,
     request::{DownloadFormat, ViewRequest},
     workers::AnswerBytes,
 };
@@ -15,8 +14,6 @@ use crate::{
 pub const JSON: &str = "application/json";
 /// Media type of an Arrow IPC stream.
 const ARROW: &str = "application/vnd.apache.arrow.stream";
-/// Media type of the page.
-const HTML: &str = "text/html; charset=utf-8";
 
 /// Text of a block, which several answers share.
 struct SharedText(std::sync::Arc<String>);
@@ -38,31 +35,35 @@ fn json(value: &Value) -> AnswerBytes {
 pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, ViewFault> {
     let store = data.store;
     Ok(match request {
-        ViewRequest::Page => (page(data).into(), HTML),
+        ViewRequest::Sections => json(&store.sections(data.spec.map(|spec| spec.pipeline))),
         ViewRequest::Catalogue => {
             let mut all = store.catalogue();
-            all["mode"] = if data.run.is_some() { "spec".into() } else { "store".into() };
-            all["pipeline"] = data.run.map(|run| run.pipeline()).into();
-            all["spec"] = data.run.map(|run| run.spec()).into();
+            all["mode"] = if data.spec.is_some() { "spec".into() } else { "store".into() };
+            all["pipeline"] = data.spec.map(|spec| spec.pipeline).into();
+            all["spec"] = data.spec.map(|spec| spec.file).into();
             json(&all)
         }
         ViewRequest::Lines(table, point) => json(&store.lines(table, point)?),
         ViewRequest::Series(series) => (store.series(series)?.into(), ARROW),
         ViewRequest::Scores(table) => (Bytes::from_owner(SharedText(store.scores(table)?)), JSON),
         ViewRequest::Against(table, against, run) => json(&store.against(table, against, run.as_deref())?),
-        ViewRequest::Run => match data.run {
-            Some(run) => {
+        ViewRequest::Run => match (data.run, data.spec) {
+            (Some(run), _) => {
                 let mut state = run.json()?;
                 state["changed"] = store.changed().into();
                 json(&state)
             }
-            None => json(&store.runs()),
+            (None, Some(spec)) => json(&store.before_plan(spec.pipeline, spec.file)),
+            (None, None) => json(&store.runs()),
         },
         ViewRequest::Map(table, point, pixels, band) => json(&store.map(table, point, *pixels, *band)?),
         ViewRequest::Profile(table, point, ends) => json(&store.profile(table, point, *ends)?),
         ViewRequest::Spectrum(series) => json(&store.spectrum(series)?),
         ViewRequest::Coast(region) => json(&store.coast(*region)?),
         ViewRequest::Lineage(table) => json(&store.lineage(table)?),
+        ViewRequest::Training(table, point) => json(&store.training(table, point)?),
+        ViewRequest::Importance(table, point) => json(&store.importance(table, point)?),
+        ViewRequest::Parameters(pipeline) => json(&store.parameters(pipeline)?),
         ViewRequest::Download(table, format) => {
             let query = store.download_query(table, *format == DownloadFormat::Csv)?;
             let mut arguments = vec![if query.is_some() { "sql" } else { "export" }.to_owned(), "--store".to_owned()];

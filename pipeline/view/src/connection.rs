@@ -7,7 +7,10 @@ use std::{
     path::Path,
     pin::Pin,
     process::{Command, Stdio},
-    sync::{Arc, atomic::AtomicUsize},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
     task::{Context, Poll},
     time::Duration,
 };
@@ -61,6 +64,7 @@ const MESSAGE: u64 = 10_000;
 const HEAD_BYTES: usize = 32 << 10;
 
 const TEXT: &str = "text/javascript; charset=utf-8";
+const HTML: &str = "text/html; charset=utf-8";
 
 /// Policy of the page: nothing from another origin. Charts set styles of their elements.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
@@ -72,8 +76,14 @@ pub struct ServerState {
     pub token: blake3::Hash,
     /// Values of the header `Host` that are answered.
     pub hosts: [String; 2],
+    /// The page. It does not depend on the contents of the store, so that no client waits for it.
+    pub page: Bytes,
     /// Queue of the workers.
     pub queue: ComputeQueue,
+    /// Queue of the workers that compute the progress of a run.
+    pub progress: ComputeQueue,
+    /// Whether the plan of the spec is made.
+    pub is_planned: AtomicBool,
     /// Permits of downloads.
     pub downloads: Arc<Semaphore>,
     /// Settings.
@@ -196,7 +206,7 @@ async fn route(state: &ServerState, request: &Request<Incoming>) -> Result<Answe
     }
     let query = ViewQuery::read(request.uri().query().unwrap_or_default())?;
     if rest.is_empty() {
-        return compute(state, ViewRequest::Page).await;
+        return Ok(whole(state.page.clone(), HTML));
     }
     if let Some(name) = rest.strip_prefix("web/") {
         if name == "style.css" {
@@ -231,7 +241,9 @@ async fn compute(state: &ServerState, request: ViewRequest) -> Result<Answer, Re
 
 async fn answered(state: &ServerState, request: ViewRequest) -> Result<(Bytes, &'static str), Refusal> {
     let late = || Refusal::new(StatusCode::GATEWAY_TIMEOUT, "the answer takes longer than 30 s");
-    let answer = timeout(ANSWERS, state.queue.ask(request)).await;
+    let is_progress = matches!(request, ViewRequest::Run) && state.is_planned.load(Ordering::Acquire);
+    let queue = if is_progress { &state.progress } else { &state.queue };
+    let answer = timeout(ANSWERS, queue.ask(request)).await;
     let answer = answer.map_err(|_| late().help("ask for fewer columns, or a shorter part of the line"))?;
     Ok(answer.ok_or_else(busy)??)
 }

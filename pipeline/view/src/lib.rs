@@ -13,7 +13,10 @@ mod workers;
 use std::{
     net::{Ipv4Addr, SocketAddr},
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     thread,
 };
 
@@ -27,7 +30,8 @@ use tokio::{
 use uuid::Uuid;
 
 use connection::ServerState;
-use workers::{ComputeQueue, work};
+use page::page;
+use workers::{ComputeQueue, JobReceiver, work};
 
 /// Threads for connections.
 const CONNECTION_THREADS: usize = 2;
@@ -37,6 +41,9 @@ const WORKERS: usize = 3;
 const DOWNLOADS: usize = 2;
 /// Simultaneous connections.
 const CONNECTIONS: usize = 64;
+
+/// Threads that compute the progress of a run.
+const PROGRESS_WORKERS: usize = 2;
 
 /// Settings of a view.
 pub struct ViewSettings {
@@ -48,88 +55,139 @@ pub struct ViewSettings {
     pub temporary: PathBuf,
 }
 
+/// Spec of a view.
+pub struct ViewedSpec<'a> {
+    /// Name of the pipeline.
+    pub pipeline: &'a str,
+    /// The spec, as the user named it.
+    pub file: &'a str,
+}
+
 /// Data of a view.
+#[derive(Clone, Copy)]
 pub struct ViewData<'a> {
     /// The store.
     pub store: &'a StoreView,
-    /// The runs of a spec, if the view is of a spec.
+    /// The spec, if the view is of a spec.
+    pub spec: Option<&'a ViewedSpec<'a>>,
+    /// The runs of the spec, once its plan is made.
     pub run: Option<&'a RunProgress<'a>>,
 }
+
+/// Makes the plan of a spec, and passes the progress of its runs to a function, which returns when the server ends.
+pub type PlanMaker<'a, E> = Box<dyn FnOnce(&dyn Fn(&RunProgress)) -> Result<(), E> + Send + 'a>;
 
 impl ViewSettings {
     /// Serves the store in the folder `store`, whose scores have the metrics of `catalogue`, until the process ends.
     ///
     /// # Errors
-    /// Fails if the store cannot be read. Also returns the errors of [`serve`].
-    pub fn serve_store(
+    /// Fails if the store cannot be read, the port is in use, or threads cannot be started.
+    pub fn serve_store(self, catalogue: &[StageEntry], store: &Path, started: impl FnOnce(&str)) -> Result<(), Fault> {
+        let view = opened(catalogue, store)?;
+        serve::<Fault>(self, ViewData { store: &view, spec: None, run: None }, None, started)
+    }
+
+    /// Serves the store of a spec until the process ends. The page is served while `plan` makes the plan of the spec.
+    ///
+    /// # Errors
+    /// Returns the errors of `plan` and the errors of [`ViewSettings::serve_store`].
+    pub fn serve_spec<E: From<Fault> + Send>(
         self,
         catalogue: &[StageEntry],
-        store: &Path,
-        run: Option<&RunProgress>,
+        (store, spec): (&Path, &ViewedSpec),
+        plan: PlanMaker<E>,
         started: impl FnOnce(&str),
-    ) -> Result<(), Fault> {
-        let metrics = catalogue.iter().flat_map(|stage| stage.metrics.iter().copied()).collect();
-        let view = StoreView::new(store, metrics)?;
-        let (_keep, stop) = watch::channel(false);
-        serve(self, &ViewData { store: &view, run }, started, stop)
+    ) -> Result<(), E> {
+        let view = opened(catalogue, store)?;
+        serve(self, ViewData { store: &view, spec: Some(spec), run: None }, Some(plan), started)
     }
+}
+
+fn opened(catalogue: &[StageEntry], store: &Path) -> Result<StoreView, Fault> {
+    StoreView::new(store, catalogue.iter().flat_map(|stage| stage.metrics.iter().copied()).collect())
 }
 
 fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("{what}: {e}"))
 }
 
-/// Serves until `stop` is true or its sender is dropped. `started` receives the address of the page.
+/// Serves until the process ends or `plan` fails. `started` receives the address of the page.
 ///
 /// # Errors
-/// Fails if the port is in use, or threads cannot be started.
-pub fn serve(
+/// Fails if the port is in use, or threads cannot be started. Also returns the errors of `plan`.
+fn serve<E: From<Fault> + Send>(
     settings: ViewSettings,
-    data: &ViewData,
+    data: ViewData,
+    plan: Option<PlanMaker<E>>,
     started: impl FnOnce(&str),
-    stop: watch::Receiver<bool>,
-) -> Result<(), Fault> {
+) -> Result<(), E> {
     let runtime =
         Builder::new_multi_thread().thread_name("view").worker_threads(CONNECTION_THREADS).enable_all().build();
     let runtime = runtime.map_err(|e| machine("cannot start threads", &e))?;
-    let (queue, jobs) = ComputeQueue::new();
+    let (listener, port) = runtime.block_on(bound(settings.port))?;
+    let ((queue, jobs), (progress, progress_jobs)) = (ComputeQueue::new(), ComputeQueue::new());
+    let token = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
+    let state = Arc::new(ServerState {
+        token: blake3::hash(token.as_bytes()),
+        hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
+        page: page(&data).into(),
+        queue,
+        progress,
+        is_planned: AtomicBool::new(false),
+        downloads: Arc::new(Semaphore::new(DOWNLOADS)),
+        settings,
+        open_bytes: Arc::default(),
+    });
+    let (failed, mut has_failed) = watch::channel(false);
     thread::scope(|scope| {
         for _ in 0..WORKERS {
-            scope.spawn(|| work(data, &jobs));
+            scope.spawn(|| work(&data, &jobs));
         }
-        let done = runtime.block_on(listen(settings, queue, started, stop));
-        // Connections hold the queue. The workers end when all of them are gone.
+        started(&format!("http://127.0.0.1:{port}/{token}/"));
+        let planning = plan.map(|plan| {
+            let (state, failed) = (Arc::downgrade(&state), &failed);
+            scope.spawn(move || {
+                let served = |run: &RunProgress| {
+                    if let Some(state) = state.upgrade() {
+                        state.is_planned.store(true, Ordering::Release);
+                    }
+                    work_on_progress(ViewData { run: Some(run), ..data }, &progress_jobs);
+                };
+                let made = plan(&served);
+                failed.send_replace(made.is_err());
+                made
+            })
+        });
+        let connections = Arc::new(Semaphore::new(CONNECTIONS));
+        runtime.block_on(async {
+            tokio::select! {
+                () = connection::accept(listener, connections, state) => {}
+                _ = has_failed.wait_for(|failed| *failed) => {}
+            }
+        });
+        // Connections hold the queues. The workers end when all of them are gone.
         runtime.shutdown_background();
-        done
+        let panicked = |_| Err(Fault::bug("the plan could not be made because of a panic").into());
+        planning.map_or(Ok(()), |planning| planning.join().unwrap_or_else(panicked))
     })
 }
 
-async fn listen(
-    settings: ViewSettings,
-    queue: ComputeQueue,
-    started: impl FnOnce(&str),
-    mut stop: watch::Receiver<bool>,
-) -> Result<(), Fault> {
-    let bind = SocketAddr::from((Ipv4Addr::LOCALHOST, settings.port));
+/// Answers requests for the progress of a run until the server ends.
+fn work_on_progress(data: ViewData, jobs: &JobReceiver) {
+    thread::scope(|scope| {
+        for _ in 0..PROGRESS_WORKERS {
+            scope.spawn(|| work(&data, jobs));
+        }
+    });
+}
+
+/// A listener on the loopback interface, and its port.
+async fn bound(port: u16) -> Result<(TcpListener, u16), Fault> {
+    let bind = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     let taken = |e: &dyn std::fmt::Display| {
         machine(&format!("cannot listen on {bind}"), e).help("choose another port with `--port`; 0 selects a free port")
     };
     let listener = TcpListener::bind(bind).await.map_err(|e| taken(&e))?;
     let port = listener.local_addr().map_err(|e| taken(&e))?.port();
-    let token = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
-    let state = Arc::new(ServerState {
-        token: blake3::hash(token.as_bytes()),
-        hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
-        queue,
-        downloads: Arc::new(Semaphore::new(DOWNLOADS)),
-        settings,
-        open_bytes: Arc::default(),
-    });
-    let connections = Arc::new(Semaphore::new(CONNECTIONS));
-    started(&format!("http://127.0.0.1:{port}/{token}/"));
-    tokio::select! {
-        () = connection::accept(listener, connections, state) => Ok(()),
-        // A dropped sender stops the server too.
-        _ = stop.wait_for(|stop| *stop) => Ok(()),
-    }
+    Ok((listener, port))
 }

@@ -5,24 +5,11 @@ use report::html::{SCRIPTS, page_foot, page_head};
 
 use crate::ViewData;
 
-/// The page as HTML.
+/// The page as HTML. It has no contents of the store, which its scripts read afterwards.
 pub fn page(data: &ViewData) -> String {
-    let title = data.run.map_or("Store", |run| run.pipeline());
-    let scores = match data.run {
-        Some(run) => run.score_tables(),
-        None => data.store.score_tables(),
-    };
-    let mode = if data.run.is_some() { "spec" } else { "store" };
-    let pipeline = data.run.map(|run| run.pipeline());
-    let all = data.store.pipelines();
-    let runs = match pipeline {
-        Some(name) => data.store.last_runs([name].into_iter()),
-        None => data.store.last_runs(all.iter().map(String::as_str)),
-    };
-    let source = |table: &str| {
-        let query = url::form_urlencoded::Serializer::new(String::new()).append_pair("table", table).finish();
-        format!("api/scores?{query}")
-    };
+    let pipeline = data.spec.map(|spec| spec.pipeline);
+    let title = pipeline.unwrap_or("Store");
+    let mode = if data.spec.is_some() { "spec" } else { "store" };
     let markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -35,21 +22,17 @@ pub fn page(data: &ViewData) -> String {
                 main {
                     header {
                         h1 { (title) }
-                        @if let Some(run) = data.run { p.lead { "magline view of " code { (run.spec()) } } }
+                        @if let Some(spec) = data.spec { p.lead { "magline view of " code { (spec.file) } } }
                     }
                     noscript { p.note { "This page needs JavaScript. `magline report` writes a page that works \
                                          without it." } }
-                    @if data.run.is_some() { section.live id="live" data-src="api/run" { h2 { "Run" } } }
-                    @for table in &scores {
-                        section.explorer id=(format!("explore-{table}")) data-table=(table) data-src=(source(table)) {
-                            h2 { "Explore: " (table) }
-                        }
-                    }
-                    @if !scores.is_empty() { section.against id="against" { h2 { "Compare runs" } } }
+                    @if data.spec.is_some() { section.live id="live" data-src="api/run" { h2 { "Run" } } }
+                    p.note id="sections" role="status" data-src="api/sections" { "The list of tables is loading." }
                     section.series id="series" { h2 { "Lines" } }
+                    section.models id="models" { h2 { "Models" } }
                     section.maps id="maps" { h2 { "Maps" } }
                     section.lineage id="lineage" { h2 { "Lineage" } }
-                    (page_foot(&runs))
+                    (page_foot(&[]))
                 }
             }
         }

@@ -10,8 +10,8 @@ const LONGEST: usize = 1000;
 /// Request that a worker answers.
 #[derive(Clone, Debug)]
 pub enum ViewRequest {
-    /// The page.
-    Page,
+    /// The tables of scores and the last runs, which the page shows.
+    Sections,
     /// The list of all tables.
     Catalogue,
     /// Lines of a table at a point.
@@ -34,6 +34,12 @@ pub enum ViewRequest {
     Coast(GeographicRegion),
     /// Lineage of a table.
     Lineage(String),
+    /// Losses of the training of a model at a point.
+    Training(String, ViewPoint),
+    /// Importance of the inputs of a model at a point.
+    Importance(String, ViewPoint),
+    /// Sources and tables of a pipeline with their parameters.
+    Parameters(String),
     /// Arguments of this program that write a table in a format.
     Download(String, DownloadFormat),
 }
@@ -151,6 +157,7 @@ impl ViewQuery {
     /// Fails for missing and wrong values.
     pub fn request(&self, name: &str) -> Result<Option<ViewRequest>, Fault> {
         Ok(Some(match name {
+            "sections" => ViewRequest::Sections,
             "catalogue" => ViewRequest::Catalogue,
             "lines" => ViewRequest::Lines(self.need("table")?, self.point()),
             "series" => ViewRequest::Series(self.series()?),
@@ -172,6 +179,9 @@ impl ViewQuery {
                 south: self.degrees("south")?,
                 north: self.degrees("north")?,
             }),
+            "training" => ViewRequest::Training(self.need("table")?, self.point()),
+            "importance" => ViewRequest::Importance(self.need("table")?, self.point()),
+            "parameters" => ViewRequest::Parameters(self.need("pipeline")?),
             "lineage" => ViewRequest::Lineage(self.need("table")?),
             _ => return Ok(None),
         }))

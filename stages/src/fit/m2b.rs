@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network predicts the residual of the Tolles-Lawson model: a . b + N(x). The coefficients b come from a ridge
-    /// fit to band-passed terms and are not trained.
+    /// The model is a . b + N(x): a network N predicts the residual of the Tolles-Lawson term a . b. The coefficients b
+    /// come from a ridge fit to band-passed terms and are not trained.
     ///
     /// Source: Gnadt 2022, section 4.4.
     M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

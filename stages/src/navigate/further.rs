@@ -42,7 +42,7 @@ params! {
     /// baseline, this error gives an error of the difference. Like the map's anomalies, it is correlated along the
     /// track. `"auto"` uses the maximum-likelihood value from the innovations of the difference. A large value can
     /// reveal a map made from widely spaced lines. For a map without a vertical slope (one height, no `map_levels_m`),
-    /// the error of the difference increases by the vertical baseline times the rms slope.
+    /// the error of the difference is increased by the product of the vertical baseline and the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses the scalar measurement `mag` in the measurement update. With `false`, the update uses only the difference
     /// and the vector measurement, for example in a magnetic storm.

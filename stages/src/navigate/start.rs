@@ -42,8 +42,8 @@ choice! {
 params! {
     /// Initial estimate and covariance at the first sample of a line.
     pub struct StartKeys;
-    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys are not valid minutes
-    /// later.
+    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys no longer apply after a
+    /// few minutes.
     start: StartSource, unit "", default StartSource::Auto;
     /// Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first values within 2 s of the
     /// line's start are used. White noise with the fix's standard deviations is added to columns with the role truth.

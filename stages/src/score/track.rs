@@ -184,8 +184,8 @@ metric! {
 }
 
 metric! {
-    /// share of the samples with a true position outside the track's five-sigma ellipse, which indicates an undetected
-    /// loss of position; 0.000004 for a consistent filter
+    /// fraction of the samples whose true position is outside the track's five-sigma ellipse, which indicates an
+    /// undetected loss of position; 0.000004 for a consistent filter
     DIVERGENCE = "divergence", unit "1", pool Mean, better Lower,
     needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees > 25.0))

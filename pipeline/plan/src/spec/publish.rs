@@ -47,7 +47,7 @@ params! {
     /// The address of the licence's text.
     licence_url: Option<String>, unit "", default None, absent "the address of the SPDX identifier";
     /// The file with the text of the licence, in the spec's folder. Its text becomes the file `LICENSE`.
-    licence_file: Option<String>, unit "", default None, absent "`LICENSE` has the name and address of the licence";
+    licence_file: Option<String>, unit "", default None, absent "`LICENSE` contains the name and URL of the licence";
     /// The date of publication, `YYYY-MM-DD`.
     date: String, unit "";
     /// An address for questions: e-mail or web.

@@ -15,7 +15,7 @@ use flate2::{Compression, write::GzEncoder};
 use maud::{Markup, PreEscaped, html};
 use numerics::earth::geodesy::EarthModel;
 use plan::{LineId, TableRef};
-use schemas::{Column, Fault, Role};
+use schemas::{Column, ColumnType, Fault, Role};
 use serde_json::{Value, json};
 
 use super::{
@@ -25,7 +25,7 @@ use super::{
     track::DegreeTrack,
 };
 use crate::coast::{GeographicRegion, flat_coastlines};
-use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, series};
+use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, list_element, series};
 
 /// Minimum margin around the tracks in which coastlines are embedded, in degrees.
 const COAST_MARGIN: f64 = 0.2;
@@ -37,6 +37,8 @@ const INTERVALS: usize = 2000;
 const FLAGGED: usize = 2;
 /// Number of currents, those with the largest ranges.
 const CURRENTS: usize = 3;
+/// Element of a list of modes: the weight of the most probable mode.
+const FIRST_WEIGHT: &str = "weight_1";
 /// Attitude, the first group of columns that a table has.
 const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pitch", "ins_yaw"]];
 
@@ -50,7 +52,12 @@ pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -
     for choice in choices(source, boards)? {
         for table in [compensation(source, &choice)?, navigation(source, &choice)?].into_iter().flatten() {
             let id = format!("series-{}", blocks.len());
-            let (text, about) = block(source, &choice, &table, &id)?;
+            let (mut text, mut about) = block(source, &choice, &table, &id)?;
+            if text.len() > *left && table.has_elements() {
+                let name = source.graph.plan.name_of(table.at);
+                omitted.push(format!("modes of {name} at {}: no space left", choice.words(source)));
+                (text, about) = block(source, &choice, &table.without_elements(), &id)?;
+            }
             if text.len() > *left {
                 omitted.push(format!(
                     "{} at {}: no space left",
@@ -110,6 +117,17 @@ struct SeriesTable {
 }
 
 impl SeriesTable {
+    /// Whether it has elements of lists.
+    fn has_elements(&self) -> bool {
+        self.columns.iter().any(|c| list_element(&c.name).is_some())
+    }
+
+    /// The table without elements of lists.
+    fn without_elements(&self) -> SeriesTable {
+        let columns = self.columns.iter().filter(|c| list_element(&c.name).is_none()).cloned().collect();
+        SeriesTable { at: self.at, tt: self.tt.clone(), columns }
+    }
+
     /// True latitude and longitude of its rows in degrees; without truth, their estimates; none without these columns.
     /// The truth is preferred because a diverged estimate may be anywhere.
     fn places(&self) -> Vec<(f64, f64)> {
@@ -117,6 +135,14 @@ impl SeriesTable {
         let pair = |lat, lon| values(lat).zip(values(lon));
         let pair = pair("truth_lat", "truth_lon").or_else(|| pair("lat", "lon"));
         pair.map(|(lat, lon)| lat.iter().copied().zip(lon.iter().copied()).collect()).unwrap_or_default()
+    }
+}
+
+/// The names of the elements of a list.
+fn terms(column: &Column) -> Option<&Vec<String>> {
+    match &column.column_type {
+        ColumnType::List(terms) => Some(terms),
+        _ => None,
     }
 }
 
@@ -220,6 +246,20 @@ impl<'a> ColumnReader<'a> {
         }
     }
 
+    /// Adds the modes of a particle filter that exist on this line, if the filter saves them.
+    fn modes(&mut self) -> Result<(), Fault> {
+        let mut listed = self.source.shape(self.at).into_iter().flat_map(|shape| shape.columns.iter());
+        let has_modes = |c: &&Column| terms(c).is_some_and(|terms| terms.iter().any(|t| t == FIRST_WEIGHT));
+        let Some(column) = listed.find(has_modes).cloned() else { return Ok(()) };
+        let elements = self.source.elements(self.at, self.line, &column.name)?.unwrap_or_default();
+        for (i, values) in elements.into_iter().enumerate() {
+            if values.len() == self.rows && values.iter().any(|v| v.is_finite()) {
+                self.push(&Column { name: format!("{}[{i}]", column.name), ..column.clone() }, values);
+            }
+        }
+        Ok(())
+    }
+
     /// Adds the attitude and the currents with the largest ranges.
     fn surroundings(&mut self) -> Result<(), Fault> {
         let Some(shape) = self.source.shape(self.at) else { return Ok(()) };
@@ -266,6 +306,7 @@ fn navigation(source: &ReportSource, choice: &SeriesChoice) -> Result<Option<Ser
     let Some(at) = choice.subject.navigate else { return Ok(None) };
     let Some((mut reader, tt)) = ColumnReader::new(source, at, choice.line)? else { return Ok(None) };
     ["lat", "lon", "sd_n", "sd_e", "residual", "nis"].iter().try_for_each(|name| reader.add(name))?;
+    reader.modes()?;
     let Some(tracks) = super::track::LineTracks::read(source, &choice.subject, choice.line)? else {
         return Ok(Some(SeriesTable { at, tt, columns: reader.columns }));
     };
@@ -319,9 +360,17 @@ fn block(
     let mut encoder = GzEncoder::new(vec![], Compression::default());
     encoder.write_all(&stream).map_err(failed)?;
     let text = BASE64_STANDARD.encode(encoder.finish().map_err(failed)?);
+    let shape = source.shape(table.at);
     let column = |(c, error): (&SeriesColumn, &f64)| {
         let SeriesColumn { name, unit, role, description, .. } = c;
-        json!({ "name": name, "unit": unit, "role": role, "description": description, "resolution": error })
+        let mut made =
+            json!({ "name": name, "unit": unit, "role": role, "description": description, "resolution": error });
+        if let Some((list, at)) = list_element(name)
+            && let Some(term) = shape.and_then(|shape| terms(shape.get(list)?)?.get(at))
+        {
+            made["term"] = json!(term);
+        }
+        made
     };
     let stage = match table.at {
         TableRef::Stage(t, _) => plan.tables[t].entry.name,

@@ -61,6 +61,25 @@ impl<'a> ReportSource<'a> {
         Ok(numbers.map(|a| a.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))
     }
 
+    /// The values of each element of a list of numbers on one line; `None` as for [`ReportSource::floats`]. A missing
+    /// value is NaN.
+    ///
+    /// # Errors
+    /// Fails if the store is damaged.
+    pub fn elements(&self, r: TableRef, line: LineId, name: &str) -> Result<Option<Vec<Vec<f64>>>, Fault> {
+        let Some(batch) = self.column(r, line, name)? else { return Ok(None) };
+        let list = batch.column(0).as_fixed_size_list_opt();
+        let numbers = list.and_then(|list| Some((list, list.values().as_primitive_opt::<Float64Type>()?)));
+        Ok(numbers.map(|(list, numbers)| {
+            let width = usize::try_from(list.value_length()).unwrap_or(0);
+            let value = |row: usize, element: usize| {
+                let at = row * width + element;
+                if list.is_valid(row) && numbers.is_valid(at) { numbers.value(at) } else { f64::NAN }
+            };
+            (0..width).map(|element| (0..list.len()).map(|row| value(row, element)).collect()).collect()
+        }))
+    }
+
     /// The number of occurrences of each text in a column of one line.
     ///
     /// # Errors

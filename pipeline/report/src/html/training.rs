@@ -14,9 +14,11 @@ const MOST: usize = 12;
 
 /// Training and validation loss by epoch.
 #[derive(Default)]
-struct LossCurve {
-    training: Vec<(f64, f64)>,
-    validation: Vec<(f64, f64)>,
+pub struct LossCurve {
+    /// Epoch and training loss.
+    pub training: Vec<(f64, f64)>,
+    /// Epoch and validation loss.
+    pub validation: Vec<(f64, f64)>,
 }
 
 /// The section of all trainings of the plan; `None` without a trained model.
@@ -68,7 +70,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
 
 impl LossCurve {
     /// Learning curve from the terms of a model; for several networks, the curve of the first network.
-    fn from_terms<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> LossCurve {
+    pub fn from_terms<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> LossCurve {
         let mut curve = LossCurve::default();
         let epoch = |term: &str, key: &str| -> Option<f64> {
             term.strip_prefix(key)?.strip_prefix('[')?.strip_suffix(']')?.parse().ok()

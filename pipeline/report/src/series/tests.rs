@@ -137,3 +137,15 @@ fn val_the_stream_is_read_by_arrow() {
     assert_eq!((schema.metadata()["line"].as_str(), schema.metadata()["first"].as_str()), ("1\"<\u{1b}\u{202e}", "0"));
     assert_eq!(schema.field(1).metadata()["unit"], "nT");
 }
+
+#[test]
+fn unit_elements_of_a_list_have_the_values_of_one_sample() {
+    let tt: Vec<f64> = (0..10_000).map(f64::from).collect();
+    let element = SeriesColumn { name: "modes[2]".to_owned(), ..column(tt.iter().map(|t| t * t).collect()) };
+    let window = SeriesWindow { pixels: 100, ..WHOLE };
+    let thin = series(&tt, &[element], window, SeriesPrecision::Full, HashMap::new()).unwrap();
+    let squares: Vec<f64> = floats(&thin, "tt_first").iter().map(|t| t * t).collect();
+    assert!(thin.is_thinned && floats(&thin, "modes[2].first") == squares);
+    assert_eq!(list_element("modes[2]"), Some(("modes", 2)));
+    assert!(["modes", "modes[]", "modes[-1]", "modes[2", "[x]"].iter().all(|name| list_element(name).is_none()));
+}

@@ -116,6 +116,10 @@ fn column(table: &ViewTable, field: &Field) -> Value {
     });
     if let Some(length) = length {
         made["length"] = json!(length);
+        let terms: Vec<&str> = about("terms").split(',').filter(|term| !term.is_empty()).collect();
+        if usize::try_from(length) == Ok(terms.len()) {
+            made["terms"] = json!(terms);
+        }
     }
     made
 }

@@ -7,8 +7,11 @@ use std::{
 
 use results::{SnapshotPoints, record::SnapshotColumn};
 use schemas::{Fault, paths};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
+
+/// Maximum number of values of a parameter that are kept.
+const LISTED_VALUES: usize = 5;
 
 /// The tables and sources of a pipeline at its last run.
 #[derive(Debug, Default, Deserialize)]
@@ -93,6 +96,17 @@ pub struct NotedPoints {
     pub values: BTreeMap<String, Vec<String>>,
     /// The column of the truth at the first point, if it is a parameter.
     pub truth: Option<String>,
+    /// The values of each parameter.
+    pub parameters: BTreeMap<String, NotedParameter>,
+}
+
+/// The values of a parameter: their number, and the first values.
+#[derive(Debug, Serialize)]
+pub struct NotedParameter {
+    /// Number of distinct values.
+    pub count: usize,
+    /// The first values, as JSON.
+    pub values: Vec<String>,
 }
 
 impl PipelineNotes {
@@ -136,6 +150,21 @@ impl PipelineNotes {
         }))
     }
 
+    /// The sources and tables with their parameters, as JSON.
+    pub fn parameters(&self) -> Value {
+        let tables = self.tables.iter().map(|t| {
+            json!({
+                "name": t.name, "stage": t.stage, "version": t.version, "axes": t.axes, "inputs": t.inputs,
+                "predicate": t.predicate, "parameters": t.points.parameters,
+            })
+        });
+        let sources = self.sources.iter().map(|s| json!({ "name": s.name, "kind": s.kind, "files": s.files }));
+        json!({
+            "pipeline": self.pipeline, "seed": self.seed, "tables": tables.collect::<Vec<_>>(),
+            "sources": sources.collect::<Vec<_>>(),
+        })
+    }
+
     /// Whether `table` is `of` or upstream of it.
     fn is_upstream(&self, table: &str, of: &str) -> bool {
         let (mut open, mut seen) = (vec![of], HashSet::new());
@@ -160,7 +189,12 @@ impl<'de> Deserialize<'de> for NotedPoints {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let points = SnapshotPoints::deserialize(deserializer)?;
         let truth = points.first_parameter("truth").and_then(|text| serde_json::from_str(text).ok());
-        Ok(NotedPoints { count: points.len(), values: points.axis_values(), truth })
+        let noted = |values: &[String]| NotedParameter {
+            count: values.len(),
+            values: values.iter().take(LISTED_VALUES).cloned().collect(),
+        };
+        let parameters = points.parameters().map(|(name, values)| (name.to_owned(), noted(values))).collect();
+        Ok(NotedPoints { count: points.len(), values: points.axis_values(), truth, parameters })
     }
 }
 
@@ -181,6 +215,8 @@ mod tests {
             let notes: PipelineNotes = serde_json::from_str(text).unwrap();
             let points = &notes.table("t").unwrap().points;
             assert_eq!(points.truth.as_deref(), Some("mag_1_c"));
+            let truth = &points.parameters["truth"];
+            assert_eq!((truth.count, truth.values.as_slice()), (1, &["\"mag_1_c\"".to_owned()][..]));
             assert_eq!(
                 (points.count, &points.values["mag"], &points.values["lambda"]),
                 (3, &vec!["a".to_owned(), "b".to_owned()], &vec!["0".to_owned(), "1".to_owned()])

@@ -90,22 +90,6 @@ impl<'a> RunProgress<'a> {
         RunProgress { graph, store, state: Mutex::default(), last: Mutex::default() }
     }
 
-    /// The name of the pipeline.
-    pub fn pipeline(&self) -> &str {
-        &self.graph.plan.spec.name
-    }
-
-    /// The spec, as the user named it.
-    pub fn spec(&self) -> &str {
-        &self.graph.plan.spec.file
-    }
-
-    /// The tables of scores, as PIPELINE.TABLE.
-    pub fn score_tables(&self) -> Vec<String> {
-        let plan = self.graph.plan;
-        pooled::tables(plan).map(|t| format!("{}.{}", plan.spec.name, plan.table_name(t))).collect()
-    }
-
     /// State of the run as JSON; the previous state while another thread counts the units.
     ///
     /// # Errors
@@ -296,10 +280,21 @@ pub fn runs(root: &Path, pipeline: &str) -> Vec<Value> {
 }
 
 impl StoreView {
-    /// The hash of the last run of each of some pipelines.
-    pub fn last_runs<'n>(&self, pipelines: impl Iterator<Item = &'n str>) -> Vec<(String, String)> {
-        let last = |name: &str| Some((name.to_owned(), history::past(&self.root, name).pop()?.run));
-        pipelines.filter_map(last).collect()
+    /// State of the runs of a spec whose plan is not made yet, as JSON.
+    pub fn before_plan(&self, pipeline: &str, spec: &str) -> Value {
+        json!({
+            "pipeline": pipeline, "spec": spec, "state": "planning", "current": false,
+            "units": { "done": 0, "failed": 0, "total": 0 }, "tables": [], "failures": [], "best": [],
+            "runs": runs(&self.root, pipeline), "changed": self.changed(),
+        })
+    }
+
+    /// The tables of scores and the hash of the last run, of one pipeline or of all.
+    pub fn sections(&self, pipeline: Option<&str>) -> Value {
+        let names = pipeline.map_or_else(|| self.pipelines(), |name| vec![name.to_owned()]);
+        let last = |name: &String| Some(json!({ "pipeline": name, "run": history::past(&self.root, name).pop()?.run }));
+        let scores: Vec<String> = names.iter().flat_map(|name| self.score_tables(name)).collect();
+        json!({ "scores": scores, "runs": names.iter().filter_map(last).collect::<Vec<_>>() })
     }
 
     /// The runs of all pipelines.

@@ -7,7 +7,10 @@ use arrow_schema::{DataType, Field};
 use schemas::Fault;
 
 use super::{ViewFault, ViewPoint};
-use crate::{series::is_series, sql::PublishedTableProvider};
+use crate::{
+    series::{is_series, list_element},
+    sql::PublishedTableProvider,
+};
 
 /// Part of the error of a lookup that lists known values.
 const LISTED: usize = 5;
@@ -240,13 +243,9 @@ impl ViewTable {
     /// Fails for an unknown column, or for a column without numbers.
     pub fn column(&self, name: &str) -> Result<(Field, Option<usize>), ViewFault> {
         let columns = self.provider.columns();
-        let split = || {
-            let (list, rest) = name.strip_suffix(']')?.rsplit_once('[')?;
-            Some((list, rest.parse::<usize>().ok()?))
-        };
         let (column, element) = match columns.field_with_name(name) {
             Ok(_) => (name, None),
-            Err(_) => split().map_or((name, None), |(list, at)| (list, Some(at))),
+            Err(_) => list_element(name).map_or((name, None), |(list, at)| (list, Some(at))),
         };
         let known: Vec<&str> = columns.fields().iter().map(|f| f.name().as_str()).take(1000).collect();
         let missing = || Fault::new(format!("`{}` has no column `{name}`", self.name)).nearest(name, &known);

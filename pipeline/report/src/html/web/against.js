@@ -99,6 +99,12 @@ class RunPair {
   }
 }
 
+/** The last known state of the runs of the spec. @type {RunState | undefined} */
+let lastRunState;
+document.addEventListener("magline:run", (event) => {
+  lastRunState = /** @type {CustomEvent} */ (event).detail;
+});
+
 class AgainstView {
   /** @param {HTMLElement} home @param {RunBlock[] | null} blocks Blocks of a report; `null` for a server. */
   constructor(home, blocks) {
@@ -107,8 +113,7 @@ class AgainstView {
     this.state = stateOf(AGAINST_KEY);
     /** Answers of the server by address, until tables are published. @type {Map<string, Promise<any>>} */
     this.known = new Map();
-    /** State of the runs of the spec. @type {RunState | undefined} */
-    this.polled = undefined;
+    this.polled = lastRunState;
     /** @type {RunPair | null} */
     this.pair = null;
     this.controls = element("div", { class: "controls" });
@@ -318,5 +323,5 @@ class AgainstView {
 
 {
   const home = document.getElementById("against"), text = home?.querySelector("script")?.textContent;
-  if (home && (text || RUN_SERVER)) new AgainstView(home, text ? JSON.parse(text) : null);
+  if (home && text) new AgainstView(home, JSON.parse(text));
 }

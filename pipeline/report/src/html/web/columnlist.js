@@ -48,8 +48,9 @@ class ColumnList {
         const text = `${c.name} ${c.unit} ${c.role} ${c.description}`.toLowerCase();
         return words.every((word) => text.includes(word));
       }).flatMap((info) => info.length
-        ? Array.from({ length: Math.min(info.length, 64) }, (_, i) => ({ table, info, column: `${info.name}[${i}]` }))
-        : [{ table, info, column: info.name }]));
+        ? Array.from({ length: Math.min(info.length, 64) }, (_, i) => ({ table, info, column: `${info.name}[${i}]`,
+          term: info.terms?.[i] }))
+        : [{ table, info, column: info.name, term: info.term }]));
   }
 
   draw() {
@@ -57,7 +58,7 @@ class ColumnList {
     const top = this.list.scrollTop;
     this.count.textContent = `${found.length} columns` + (found.length > LISTED_COLUMNS
       ? `; the first ${LISTED_COLUMNS} are listed` : "");
-    this.list.replaceChildren(...found.slice(0, LISTED_COLUMNS).map(({ table, info, column }) => {
+    this.list.replaceChildren(...found.slice(0, LISTED_COLUMNS).map(({ table, info, column, term }) => {
       const choice = { table: table.name, column };
       const is = (/** @type {ColumnChoice} */ c) => c.table === choice.table && c.column === choice.column;
       const box = /** @type {HTMLInputElement} */ (element("input", { type: "checkbox", checked: this.chosen.some(is),
@@ -68,8 +69,8 @@ class ColumnList {
       const unit = info.unit === "1" || !info.unit ? "" : ` [${visible(info.unit)}]`;
       return element("label", { class: "column" }, [box, element("span", {}, [
         element("bdi", { class: "column-name" }, [visible(column) + unit]),
-        element("bdi", { class: "note" }, [[table.name, info.role, info.description].filter(Boolean).map(visible)
-          .join(" \u00b7 ")])])]);
+        element("bdi", { class: "note" }, [[table.name, term ?? "", info.role, info.description].filter(Boolean)
+          .map(visible).join(" \u00b7 ")])])]);
     }));
     this.list.scrollTop = top;
     const again = focus && this.list.querySelector(`[data-column="${CSS.escape(focus)}"]`);

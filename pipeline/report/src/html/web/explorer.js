@@ -340,6 +340,8 @@ async function fetchedExplorer(home, address) {
       if (!answer.ok) throw new Error(found.error);
       note.remove();
       if (made) made.update(found); else made = new Explorer(home, found);
+      SCORE_BLOCKS.set(home.dataset.table ?? "", found);
+      document.dispatchEvent(new CustomEvent("magline:scores"));
     } catch (error) {
       home.append(note);
       note.textContent = error instanceof Error ? visible(error.message) : "The scores cannot be read.";

@@ -12,7 +12,7 @@
  *   changed: string}} RunState
  */
 
-const RUN_POLL_MS = 2000, IDLE_POLL_MS = 10_000;
+const PLAN_POLL_MS = 250, RUN_POLL_MS = 2000, IDLE_POLL_MS = 10_000;
 
 class RunView {
   /** @param {HTMLElement} home @param {string} address */
@@ -42,7 +42,8 @@ class RunView {
         document.dispatchEvent(new CustomEvent("magline:changed"));
       }
       this.changed = state.changed;
-      if (state.state === "running" || state.state === "incomplete") wait = RUN_POLL_MS;
+      if (state.state === "planning") wait = PLAN_POLL_MS;
+      else if (state.state === "running" || state.state === "incomplete") wait = RUN_POLL_MS;
     } catch { this.summary.textContent = "The server does not answer. The page tries again."; }
     setTimeout(() => { if (document.hidden) addEventListener("visibilitychange", () => this.poll(), { once: true });
       else this.poll(); }, wait);
@@ -55,8 +56,9 @@ class RunView {
       incomplete: "Results are missing, and no run is in progress" };
     const last = runs.reduce((a, b) => b.number > a.number ? b : a, runs[0]);
     const times = failures.reduce((n, f) => n + f.times, 0);
-    const text = `${words[/** @type {keyof typeof words} */ (state)] ?? state}: ${units.done} of ${units.total} units` +
-      (units.failed ? `, ${units.failed} failed` : "") + "." +
+    const word = words[/** @type {keyof typeof words} */ (state)] ?? state;
+    const text = (state === "planning" ? "The plan of the spec is being made." :
+      `${word}: ${units.done} of ${units.total} units` + (units.failed ? `, ${units.failed} failed` : "") + ".") +
       (last ? ` Run ${last.number}: ${last.computed} computed, ${last.reused} reused, ${short(last.seconds)} s.` : "");
     if (this.summary.textContent !== text) this.summary.textContent = text;
     const foot = document.querySelector(`footer [data-run="${CSS.escape(pipeline)}"]`);

@@ -4,8 +4,8 @@
 
 /**
  * @typedef {Record<string, string>} SweepPoint
- * @typedef {{name: string, unit: string, role: string, description: string, series: boolean, length?: number}}
- *   ColumnInfo
+ * @typedef {{name: string, unit: string, role: string, description: string, series: boolean, length?: number,
+ *   terms?: string[], term?: string}} ColumnInfo `terms` are the names of a list's elements, `term` is the name of one.
  * @typedef {{table: string, name: string, stage: string, kind: string, axes: string[], rows: number | null,
  *   inputs: string[], columns: ColumnInfo[]}} TableInfo
  * @typedef {{table: string, name: string, kind: string}} SourceInfo

@@ -27,6 +27,9 @@ class TrackView {
     this.whole = [];
     /** @type {{x: Float64Array, north: Float64Array, east: Float64Array} | null} */
     this.sigma = null;
+    /** @type {ModeTrack | null} Modes of the position in the interval in sight. */
+    this.modes = null;
+    this.hasModes = true;
     /** @type {{map: MapImage, canvas: HTMLCanvasElement} | null} */
     this.map = null;
     /** @type {number[][]} Coastlines, as longitude and latitude by turns. */
@@ -44,8 +47,15 @@ class TrackView {
       this.fit = box.checked;
       this.draw();
     } }));
+    const shown = /** @type {HTMLInputElement} */ (element("input", { type: "checkbox", checked: true,
+      "data-key": "modes", onchange: () => {
+        this.hasModes = shown.checked;
+        this.draw();
+      } }));
+    this.choice = element("label", { class: "note check", hidden: true },
+      [shown, " modes of the particle filter"]);
     home.append(this.canvas, this.legend, element("label", { class: "note check" },
-      [box, " fit to the interval in sight"]), this.source, this.read);
+      [box, " fit to the interval in sight"]), this.choice, this.source, this.read);
     new ResizeObserver(() => this.draw()).observe(home);
     for (const query of ["(prefers-color-scheme: dark)", "print"]) {
       matchMedia(query).addEventListener("change", () => this.draw());
@@ -55,18 +65,22 @@ class TrackView {
   }
 
   /** @param {TrackData[]} tracks @param {{x: Float64Array, north: Float64Array, east: Float64Array} | null} sigma
-   * @param {TrackData[]} whole */
-  show(tracks, sigma, whole) {
+   * @param {TrackData[]} whole @param {ModeTrack | null} [modes] */
+  show(tracks, sigma, whole, modes = null) {
     this.tracks = tracks.filter((t) => t.x.length);
     this.whole = whole;
     this.sigma = sigma;
-    const names = this.tracks.map((t) => t.layer.name);
+    this.modes = modes;
+    this.choice.hidden = modes === null;
+    const names = [...this.tracks.map((t) => t.layer.name), ...(modes ? ["modes of the particle filter"] : [])];
     this.canvas.setAttribute("aria-label", `Track over the map: ${names.join(", ")}`);
     this.legend.replaceChildren(...this.tracks.map(({ layer }) => element("span", {}, [element("span", { class: "key",
       style: `border-color:${layer.hue === "#000000" ? "var(--ink)" : layer.hue}` +
         (layer.dash.length ? ";border-top-style:dashed" : "") }), layer.name])),
       ...(sigma ? [element("span", {}, [element("span", { class: "key area",
-        style: "background:#ff4fd0;opacity:0.4" }), "three standard deviations"])] : []));
+        style: "background:#ff4fd0;opacity:0.4" }), "three standard deviations"])] : []),
+      ...(modes ? [element("span", {}, [element("span", { class: "key mode" }),
+        "mode; size and opacity increase with its weight"])] : []));
     this.draw();
   }
 
@@ -83,7 +97,10 @@ class TrackView {
   /** Bounds in degrees of the whole tracks, or of the part in sight. */
   bounds(fit = this.fit) {
     let [west, east, south, north] = [Infinity, -Infinity, Infinity, -Infinity];
-    for (const { x, lat, lon } of fit ? this.tracks : this.whole) for (let i = 0; i < x.length; i++) {
+    const modes = fit && this.hasModes ? this.modes : null;
+    const tracks = [...(fit ? this.tracks : this.whole),
+      ...(modes?.modes.map(({ lat, lon }) => ({ x: modes.x, lat, lon })) ?? [])];
+    for (const { x, lat, lon } of tracks) for (let i = 0; i < x.length; i++) {
       if (fit && !this.inSight(x[i])) continue;
       if (!Number.isFinite(lat[i]) || !Number.isFinite(lon[i])) continue;
       west = Math.min(west, lon[i]); east = Math.max(east, lon[i]);
@@ -126,6 +143,7 @@ class TrackView {
       this.stroke(context, track, place, "rgba(255,255,255,0.55)", 2.2, [], false);
       this.stroke(context, track, place, track.layer.hue, 0.7, [], false);
     }
+    if (this.modes && this.hasModes) drawModes(context, this.modes, place, (t) => this.inSight(t));
     for (const track of this.tracks) {
       const { hue, width: own, dash } = track.layer;
       if (dash.length === 0) this.stroke(context, track, place, "rgba(255,255,255,0.8)", own + 2, [], true);
@@ -201,6 +219,7 @@ class TrackView {
       context.stroke();
       words.push(`${layer.name} ${lat[i].toFixed(5)}\u00b0, ${lon[i].toFixed(5)}\u00b0`);
     }
+    if (this.modes && this.hasModes) words.push(...markModes(context, this.modes, place, t));
     this.read.textContent = words.join("; ");
   }
 

@@ -25,7 +25,8 @@ class TrackLoader {
     const table = tables.find((t) => has(t, "truth_lat")) ?? tables.find((t) => has(t, "sd_n")) ?? tables[0];
     if (!table) { view.show([], null, []); return; }
     const layers = TRACK_LAYERS.filter((l) => has(table, l.lat) && has(table, l.lon));
-    const columns = [...layers.flatMap((l) => [l.lat, l.lon]), ...["sd_n", "sd_e"].filter((n) => has(table, n))];
+    const columns = [...layers.flatMap((l) => [l.lat, l.lon]), ...["sd_n", "sd_e"].filter((n) => has(table, n)),
+      ...modeColumns(table).flat()];
     const ask = (/** @type {TimeRange | null} */ own) => source.series({ table, columns, range: own, pixels: 1000,
       signal, place });
     const key = JSON.stringify([table.table, place]);
@@ -42,7 +43,8 @@ class TrackLoader {
       return lat && lon ? [{ layer: named, x: from.x, lat, lon }] : [];
     });
     const [north, east] = [of(answer, "sd_n"), of(answer, "sd_e")];
-    view.show(tracks(answer), north && east ? { x: answer.x, north, east } : null, tracks(whole));
+    view.show(tracks(answer), north && east ? { x: answer.x, north, east } : null, tracks(whole),
+      modesOf(modeColumns(table), answer));
     await this.loadMap(pipeline, table);
     const lines = await coastOf(source, widened(view.bounds(false)));
     if (!signal.aborted) view.showCoast(lines);

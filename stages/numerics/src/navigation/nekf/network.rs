@@ -158,7 +158,7 @@ impl NoiseNetwork {
         }
         let all = self.mean.iter().chain(&self.inverse_deviation).chain(&self.weights);
         match all.copied().find(|value| !value.is_finite()) {
-            Some(value) => Err(refused("model", format!("a number of the network is {value}, not a finite value"))),
+            Some(value) => Err(refused("model", format!("the network contains {value}, which is not a finite number"))),
             None => Ok(()),
         }
     }
