@@ -90,9 +90,9 @@ stage! {
     /// `map_sigma_nt`; correlated errors, such as those of maps and the temporal variation, increase the actual error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests with a 95 %
-    /// band. `whiteness`, `error_within_3sigma` and `divergence` are fractions of lags or of samples. For a
-    /// consistent filter, their expected values are known. Innovations on both sides of a sample without a measurement do not count as
-    /// neighbours. `correlated_nis` is the NIS of averages of innovations.
+    /// band. `whiteness`, `error_within_3sigma` and `divergence` are fractions of lags or of samples. For a consistent
+    /// filter, their expected values are known. Innovations on both sides of a sample without a measurement do not
+    /// count as neighbours. `correlated_nis` is the NIS of averages of innovations.
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
     /// Kirubarajan 2001, section 5.4; Mehra 1970.

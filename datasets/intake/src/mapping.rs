@@ -256,8 +256,8 @@ impl MappingTable {
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 log.notes.push(match repeated_rows {
                     RepeatedRows::AtRate(rate_hz) => format!(
-                        "{name}: `{}` has {repeated} rows with the time of the previous row; they follow it at {rate_hz} \
-                         Hz",
+                        "{name}: `{}` has {repeated} rows with the time of the previous row; they follow it at \
+                         {rate_hz} Hz",
                         decl.name
                     ),
                     RepeatedRows::Drop | RepeatedRows::Keep => {

@@ -13,7 +13,8 @@ impl StoreView {
     /// Losses of the training of a model at a point, as JSON: pairs of epoch and loss. A model without epochs has none.
     ///
     /// # Errors
-    /// Fails for an unknown or incomplete point, or for a table that is not a model. Also fails if the store is damaged.
+    /// Fails for an unknown or incomplete point, or for a table that is not a model. Also fails if the store is
+    /// damaged.
     pub fn training(&self, name: &str, point: &ViewPoint) -> Result<Value, ViewFault> {
         let (_, table) = self.table(name)?;
         let batch = rows(&table, point, ["term", "value"])?;
