@@ -36,9 +36,26 @@ pub struct RunRecord {
     pub sum: String,
 }
 
-fn sum_of(past: &RunRecord) -> String {
-    let plain = RunRecord { sum: String::new(), ..past.clone() };
-    HashKey::from_parts([serde_json::to_vec(&plain).unwrap_or_default()]).to_string()
+/// The last key of a line.
+const LAST: &str = "\"sum\":\"";
+
+/// Checksum of a line as it is written: parsed numbers may differ from it in the last bit.
+fn sum_of(line: &str) -> Option<String> {
+    let (others, _) = line.rsplit_once(LAST)?;
+    Some(HashKey::from_parts([format!("{others}{LAST}\"}}").into_bytes()]).to_string())
+}
+
+/// A record as a line with its checksum.
+fn line_of(past: &RunRecord) -> Result<String, Fault> {
+    let text = |past: &RunRecord| serde_json::to_string(past).map_err(|e| Fault::machine(e.to_string()));
+    let sum = sum_of(&text(past)?).ok_or_else(|| Fault::bug("a record without a checksum"))?;
+    text(&RunRecord { sum, ..past.clone() })
+}
+
+/// The record of a line, if the line is intact.
+fn record_of(line: &[u8]) -> Option<RunRecord> {
+    let text = std::str::from_utf8(line).ok()?;
+    serde_json::from_str::<RunRecord>(text).ok().filter(|past| sum_of(text).as_ref() == Some(&past.sum))
 }
 
 fn file(root: &Path, pipeline: &str) -> PathBuf {
@@ -51,17 +68,15 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
         return vec![];
     }
     let text = paths::read_regular(&file(root, pipeline)).unwrap_or_default();
-    let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<RunRecord>(line).ok());
-    lines.filter(|p| p.sum == sum_of(p)).collect()
+    text.split(|b| *b == b'\n').filter_map(record_of).collect()
 }
 
 /// Whether all lines of a history are intact, except for a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
-    /// The last key of a line, and the length from its value to the end of the line.
-    const LAST: &str = "\"sum\":\"";
+    /// Length from the value of the last key to the end of the line.
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {
-        let whole = serde_json::from_slice::<RunRecord>(line).is_ok_and(|p| p.sum == sum_of(&p));
+        let whole = record_of(line).is_some();
         let text = String::from_utf8_lossy(line);
         let cut = text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS);
         whole || cut && text.starts_with('{') && !text.ends_with("\"}")
@@ -86,10 +101,8 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
     }
     past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
     past_run.snapshot = name;
-    past_run.sum = sum_of(&past_run);
-    let mut line = serde_json::to_vec(&past_run).map_err(|e| Fault::machine(e.to_string()))?;
     // A line that a power loss truncated ends here.
-    line.insert(0, b'\n');
+    let line = format!("\n{}", line_of(&past_run)?).into_bytes();
     let path = file(root, pipeline);
     let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let options = fs::File::options().create(true).append(true).clone();
@@ -121,11 +134,8 @@ fn repair(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
         return Ok(());
     }
     store.write(&store.root().join("damaged").join(format!("{pipeline}.jsonl")), &before)?;
-    let mut whole = vec![];
-    for past in past(store.root(), pipeline) {
-        whole.push(b'\n');
-        whole.extend(serde_json::to_vec(&past).map_err(|e| Fault::machine(e.to_string()))?);
-    }
+    let intact = before.split(|b| *b == b'\n').filter(|line| record_of(line).is_some());
+    let whole: Vec<u8> = intact.flat_map(|line| [b"\n".as_slice(), line].concat()).collect();
     store.write(path, &whole)
 }
 
@@ -196,4 +206,25 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
         return Ok(format!("runs {a} and {b} of `{pipeline}` have the same spec and the same inputs\n"));
     }
     Ok(found.iter().map(|change| format!("{change}\n")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn bug_a_run_of_any_duration_stays_in_the_history() {
+        for k in 1..5_000 {
+            let past = RunRecord { number: k, seconds: 1.0 + (k as f64).sqrt() / 3.0, ..RunRecord::default() };
+            let line = line_of(&past).unwrap();
+            let read = record_of(line.as_bytes()).unwrap();
+            assert_eq!((read.number, read.seconds as f32), (k, past.seconds as f32), "{line}");
+            assert!(is_whole(line.as_bytes()));
+            // Any other number does not match the checksum.
+            let other = line.replacen("\"number\":", "\"number\":9", 1);
+            assert!(record_of(other.as_bytes()).is_none() && !is_whole(other.as_bytes()), "{other}");
+        }
+    }
 }
