@@ -197,7 +197,7 @@ def ekf(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -341,8 +341,9 @@ def ekf(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -641,7 +642,7 @@ def iekf(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -791,8 +792,9 @@ def iekf(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -1093,7 +1095,7 @@ def ukf(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -1250,8 +1252,9 @@ def ukf(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -1562,7 +1565,7 @@ def ekf_adaptive(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -1729,8 +1732,9 @@ def ekf_adaptive(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -2055,7 +2059,7 @@ def ekf_online_tl(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -2245,8 +2249,9 @@ def ekf_online_tl(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -2575,7 +2580,7 @@ def fixed_lag(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -2773,8 +2778,9 @@ def fixed_lag(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -3083,7 +3089,7 @@ def rts(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -3235,8 +3241,9 @@ def rts(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -3546,7 +3553,7 @@ def mpf(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -3713,8 +3720,9 @@ def mpf(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -4025,7 +4033,7 @@ def mpf_then_ekf(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -4178,8 +4186,9 @@ def mpf_then_ekf(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.
@@ -4477,7 +4486,7 @@ def crlb(
         samples.
     start : {"auto", "fix", "alignment", "given"}, optional
         Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        are not valid minutes later. Default: `"auto"`.
+        no longer apply after a few minutes. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
         values within 2 s of the line's start are used. White noise with the fix's standard
@@ -4618,8 +4627,9 @@ def crlb(
         Like the map's anomalies, it is correlated along the track. `"auto"` uses the
         maximum-likelihood value from the innovations of the difference. A large value can
         reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference increases by the vertical
-        baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        height, no `map_levels_m`), the error of the difference is increased by the product of
+        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+        `auto`.
     use_scalar : bool, optional
         Uses the scalar measurement `mag` in the measurement update. With `false`, the update
         uses only the difference and the vector measurement, for example in a magnetic storm.

@@ -1233,8 +1233,8 @@ class StageMethods:
         heading : str, optional
             Heading or course. Unit: deg. Default: `"yaw"`.
         window_s : float, optional
-            Window over which the turn rate and the manoeuvres are computed. Unit: s. Allowed: above
-            0. Default: `5.0`.
+            Window over which the turn rate is computed and manoeuvres are detected. Unit: s.
+            Allowed: above 0. Default: `5.0`.
         turn_dps : float, optional
             Minimum turn rate of a turn. Unit: deg/s. Allowed: above 0. Default: `1.0`.
         turn_deg : float, optional
@@ -1684,11 +1684,11 @@ class StageMethods:
 
         `condition` is the condition number of the filtered matrix; if it is large, individual
         coefficients are poorly determined. With `lambda = 0`, terms that the flight does not excite
-        are rejected by name. `trivial_share` is the fraction of the total field that the fit
-        attributes to the aircraft. It is 1 for the trivial solution of band-passed fits. `warning`
-        describes problems of the fit and is otherwise empty. Lines that failed in an earlier stage,
-        or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
-        unsuitable for the filter, are omitted and listed in the table `failures`.
+        cause an error that names them. `trivial_share` is the fraction of the total field that the
+        fit attributes to the aircraft. It is 1 for the trivial solution of band-passed fits.
+        `warning` describes problems of the fit and is otherwise empty. Lines that failed in an
+        earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or
+        whose rate is unsuitable for the filter, are omitted and listed in the table `failures`.
 
         `approximation_bound` bounds the error of the model's linear form. This form approximates
         the change in magnitude by the projection of the aircraft field on the earth's field. The
@@ -2577,7 +2577,7 @@ class StageMethods:
             samples.
         start : {"auto", "fix", "alignment", "given"}, optional
             Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-            are not valid minutes later. Default: `"auto"`.
+            no longer apply after a few minutes. Default: `"auto"`.
         fix : ListLike, optional
             Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
             values within 2 s of the line's start are used. White noise with the fix's standard
@@ -2852,11 +2852,11 @@ class StageMethods:
         continuation: amplified noise plus the field that damping removes. It is NaN if the map's
         height is unknown. A map in eastings and northings is interpolated on its native grid.
 
-        Filters that linearise the map require an initial position within the distance over which
-        the map is linear. `start_sigma` is the initial standard deviation of the position.
-        `start_sigma_limit` is the largest standard deviation at which the linearisation error is
-        below the white noise, or below a third of the linear change of the map (median over a
-        minute). A larger initial standard deviation is flagged (`wide_start` in the table of
+        Filters that linearise the map require an initial position error smaller than the distance
+        over which the map is nearly linear. `start_sigma` is the initial standard deviation of the
+        position. `start_sigma_limit` is the largest standard deviation at which the linearisation
+        error is below the white noise, or below a third of the linear change of the map (median
+        over a minute). A larger initial standard deviation is flagged (`wide_start` in the table of
         warnings), because these filters may then diverge unnoticed. In this case, use `filter =
         "mpf_then_ekf"`.
 
@@ -2945,7 +2945,7 @@ class StageMethods:
             samples.
         start : {"auto", "fix", "alignment", "given"}, optional
             Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-            are not valid minutes later. Default: `"auto"`.
+            no longer apply after a few minutes. Default: `"auto"`.
         fix : ListLike, optional
             Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
             values within 2 s of the line's start are used. White noise with the fix's standard
@@ -3125,8 +3125,9 @@ class StageMethods:
             an error of the difference. Like the map's anomalies, it is correlated along the track.
             `"auto"` uses the maximum-likelihood value from the innovations of the difference. A
             large value can reveal a map made from widely spaced lines. For a map without a vertical
-            slope (one height, no `map_levels_m`), the error of the difference increases by the
-            vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+            slope (one height, no `map_levels_m`), the error of the difference is increased by the
+            product of the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above.
+            Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses the scalar measurement `mag` in the
@@ -4260,15 +4261,16 @@ class StageMethods:
         A table computed by `map_value` adds scores of the map: the agreement of the signal with the
         map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
         and, if available, `diurnal` are first subtracted from the signal. `map_position_bound` is
-        the Cramér-Rao bound on a constant horizontal position offset when the measurement also has
-        an unknown constant. It assumes independent sample errors of `map_sigma_nt`; correlated
-        errors, such as those of maps and the temporal variation, increase the actual error.
+        the Cramér-Rao bound on a constant horizontal position offset when the measurement also
+        contains an unknown constant. It assumes independent sample errors of `map_sigma_nt`;
+        correlated errors, such as those of maps and the temporal variation, increase the actual
+        error.
 
         A track is also tested against its own covariance: `nees_consistent` and `nis_consistent`
-        are tests with a 95 % band. `whiteness`, `error_within_3sigma` and `divergence` are shares
-        of lags or samples with known expected values for a consistent filter. Innovations on both
-        sides of a sample without a measurement do not count as neighbours. `correlated_nis` is the
-        NIS of averages of innovations.
+        are tests with a 95 % band. `whiteness`, `error_within_3sigma` and `divergence` are
+        fractions of lags or of samples. For a consistent filter, their expected values are known.
+        Innovations on both sides of a sample without a measurement do not count as neighbours.
+        `correlated_nis` is the NIS of averages of innovations.
 
         Parameters
         ----------
