@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use learning::network::{
     ActivationFunction, FieldCoupling, MemoryLayers, NetworkForm, NetworkSamples, NetworkShape, NetworkTraining,
-    SampleRuns, TrainingResult, TrainingState, VectorFrame, WindowedNetworkShape, train, train_windowed,
+    SampleRuns, TrainingJob, TrainingResult, TrainingState, VectorFrame, WindowedNetworkShape, train, train_together,
 };
 use params::{Literal, ParamValue};
 
@@ -98,6 +98,8 @@ impl Job<'_> {
         let heads = if memory == MemoryLayers::Transformer { UNITS } else { 1 };
         let windowed = WindowedNetworkShape { memory, inputs: INPUTS, window, heads, units, head };
         let runs = SampleRuns { samples, lengths: &[samples.y.len()] };
-        Ok(train_windowed(&windowed, windowed.start(start), &training, &runs, None, &mut each)?)
+        let start = windowed.start(start);
+        let job = TrainingJob::windowed(&windowed, start, &training, &runs, None, Box::new(&mut each));
+        Ok(train_together(vec![job]).remove(0)?)
     }
 }
