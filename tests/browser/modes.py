@@ -51,6 +51,17 @@ def show(page, first, last):
     return page.locator("#series .track p.note").last.inner_text()
 
 
+def is_reading(words, modes):
+    """Whether a reading has the weights and positions of the modes of a sample."""
+    found = re.findall(r"mode (\d): ([\d.]+) %, (-?[\d.]+)\u00b0, (-?[\d.]+)\u00b0", words)
+    if [int(k) - 1 for k, *_ in found] != [k for k in range(3) if np.isfinite(modes[k, 0])]:
+        return False
+    # The page has five digits of a degree; a report has positions to a fraction of 1e-5 of their range.
+    limits = np.array([0.06, 1e-5, 1e-5])
+    wanted = np.array([100.0, 1.0, 1.0]) * np.array([modes[int(k) - 1][:3] for k, *_ in found])
+    return bool(np.all(np.abs(np.array(found, dtype=float)[:, 1:] - wanted) < limits))
+
+
 @pytest.mark.parametrize("source", SOURCES)
 def test_the_modes_of_a_sample_are_those_of_the_store(open_page, stored, source):
     tt, modes = stored
@@ -59,15 +70,13 @@ def test_the_modes_of_a_sample_are_those_of_the_store(open_page, stored, source)
     assert len(several) > 10
     for at in several[[0, len(several) // 2]]:
         words = show(page, tt[at], tt[at] + 2.0)
-        found = re.findall(r"mode (\d): ([\d.]+) %, (-?[\d.]+)\u00b0, (-?[\d.]+)\u00b0", words)
-        known = [k for k in range(3) if np.isfinite(modes[at, k, 0])]
-        assert [int(k) - 1 for k, *_ in found] == known, words
-        for k, *numbers in found:
-            weight, lat, lon = map(float, numbers)
-            want = modes[at, int(k) - 1]
-            assert abs(weight - 100 * want[0]) < 0.06
-            # The page has five digits of a degree; a report has positions to a fraction of 1e-5 of their range.
-            assert abs(lat - want[1]) < 1e-5 and abs(lon - want[2]) < 1e-5
+        # The reading of the sample before it stays until the sample is drawn.
+        for _ in range(200):
+            if is_reading(words, modes[at]):
+                break
+            page.wait_for_timeout(50)
+            words = page.locator("#series .track p.note").last.inner_text()
+        assert is_reading(words, modes[at]), words
     assert "modes of the particle filter" in page.locator("#series .track-canvas").get_attribute("aria-label")
 
 
@@ -76,8 +85,10 @@ def test_the_modes_are_drawn_and_can_be_hidden_by_keyboard(open_page, source):
     page = open_page(source)
     assert "mode; size and opacity" in page.locator("#series .track .legend").inner_text()
     box = page.locator("#series [data-key=modes]")
-    page.wait_for_timeout(500)
-    drawn = page.evaluate(PICTURE)
+    drawn = None
+    # Until the map and the track are drawn.
+    while drawn != (drawn := page.evaluate(PICTURE)):
+        page.wait_for_timeout(500)
     box.focus()
     page.keyboard.press("Space")
     until(page, f"(before) => {PICTURE} !== before", drawn)
