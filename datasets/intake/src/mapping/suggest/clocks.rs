@@ -50,8 +50,7 @@ const NAMES: [&[&str]; 6] = [
 /// The clock of a table: the first column with a common name and increasing values.
 pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let clock = recognised(columns)?;
-    let others: Vec<ColumnSample> = columns.iter().filter(|column| column.name != clock.column).cloned().collect();
-    Some(ClockGuess { repeats: RepeatedTimes::new(&clock.times_s, &others), ..clock })
+    Some(ClockGuess { repeats: RepeatedTimes::new(&clock.times_s, columns), ..clock })
 }
 
 fn recognised(columns: &[ColumnSample]) -> Option<ClockGuess> {

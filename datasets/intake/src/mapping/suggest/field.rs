@@ -104,10 +104,11 @@ pub(super) fn field_like(
     if let Some(unit) = declared {
         return Some((unit, "its unit is in the file".to_owned()));
     }
+    let readings = readings(topic);
     let near = FIELD.iter().find_map(|(unit, factor)| {
         let own = size * factor;
-        let (name, nt) = readings(topic).into_iter().find(|(_, nt)| (own / nt - 1.0).abs() < STEADY)?;
-        let what = format!("the magnitude is steady at {own:.0} nT, and `{}` has {nt:.0} nT", one_line(&name));
+        let (name, nt) = readings.iter().find(|(_, nt)| (own / nt - 1.0).abs() < STEADY)?;
+        let what = format!("the magnitude is steady at {own:.0} nT, and `{}` has {nt:.0} nT", one_line(name));
         Some(((*unit).to_owned(), what))
     });
     let alone = || {
