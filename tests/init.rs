@@ -185,6 +185,56 @@ fn user_a_date_and_a_unit_of_a_log_reach_the_tables() {
     assert!((size(100).sqrt() - earth).abs() < 1.0, "uT became nT");
 }
 
+/// Easting and northing in UTM zone 18 north, near its central meridian and 45 degrees north. The meridian arc to 45
+/// degrees is 4,984,944.378 m, its radius of curvature there 6,367,381.8 m and that of the prime vertical 6,388,838.3 m.
+fn utm_18n(s: &Sample) -> (f64, f64) {
+    let (lat, lon) = ((s.lat - 45.0).to_radians(), (s.lon + 75.0).to_radians());
+    let along = 4_984_944.378 + 6_367_381.8 * lat;
+    (500_000.0 + 0.9996 * 6_388_838.3 * s.lat.to_radians().cos() * lon, 0.9996 * along)
+}
+
+#[test]
+fn user_eastings_and_northings_become_latitude_and_longitude() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = csv("time,mag,Bx,By,Bz,UTM_X,UTM_Y", |s| {
+        let ([x, y, z], (easting, northing)) = (s.vector, utm_18n(s));
+        let time = dated("2024-06-03", s.t);
+        format!("{time},{:.3},{x:.2},{y:.2},{z:.2},{easting:.2},{northing:.2}", s.scalar)
+    });
+    fs::write(folder.join("log.csv"), text).unwrap();
+    // Without a coordinate system, the positions are a question and the spec runs without them.
+    let found = stdout(&magline(folder, &["init", "log.csv", "-o", "none.toml"]));
+    assert!(found.contains("`UTM_X`") && found.contains("--epsg"), "{found}");
+    assert!(magline(folder, &["run", "none.toml", "--quiet"]).status.success());
+    // A map of the area in the same system.
+    let mut points = "easting,northing,anomaly\n".to_owned();
+    for (i, j) in (0..81).map(|k| (k % 9, k / 9)) {
+        let (easting, northing) = (498_000 + 500 * i, 4_981_000 + 500 * j);
+        writeln!(points, "{easting},{northing},{}", i * j).unwrap();
+    }
+    fs::write(folder.join("points.csv"), points).unwrap();
+    let grid = ["map", "grid", "points.csv", "--epsg", "32618", "--spacing", "500", "--level", "300", "-o", "map.tif"];
+    let output = magline(folder, &grid);
+    assert!(output.status.success(), "{}", stderr(&output));
+    for (name, more) in [("given", ["--epsg", "32618"].as_slice()), ("on_map", &["map.tif"])] {
+        let spec = format!("{name}.toml");
+        let output = magline(folder, &[["init", "log.csv", "-o", &spec].as_slice(), more].concat());
+        assert!(output.status.success(), "{name}: {}", stderr(&output));
+        let mapping = fs::read_to_string(folder.join(format!("{name}_mapping.toml"))).unwrap();
+        assert!(mapping.contains("\nprojected = {") && mapping.contains("epsg = 32618"), "{mapping}");
+        let output = magline(folder, &["run", &spec, "--quiet"]);
+        assert!(output.status.success(), "{name}: {}", stderr(&output));
+        let even = read(&folder.join(format!("store/tables/{name}/even")));
+        let (lat, lon) = (numbers(&even, "lat"), numbers(&even, "lon"));
+        let worst = flight().iter().zip(lat.iter().zip(&lon)).map(|(s, (lat, lon))| (lat - s.lat).hypot(lon - s.lon));
+        let worst = worst.fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{name}: {worst} degrees");
+    }
+    let output = magline(folder, &["init", "log.csv", "--epsg", "4326", "-o", "degrees.toml"]);
+    assert!(!output.status.success() && stderr(&output).contains("is in degrees"), "{}", stderr(&output));
+}
+
 #[test]
 fn user_specs_of_autopilot_logs_run_with_a_mapping_chosen_by_content() {
     let logs = repository().join("datasets/samples/logs");

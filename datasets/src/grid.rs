@@ -8,6 +8,7 @@ mod nodes;
 mod plausible;
 
 pub(crate) use axis::FileAxis;
+pub use axis_unit::coordinate_factor;
 pub(crate) use axis_unit::{AxisUnit, CrsSource, split_unit};
 pub(crate) use draft::{FileCrs, MapDraft, PLAIN};
 pub(crate) use markers::{is_dummy, is_marker, without_markers};

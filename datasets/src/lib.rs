@@ -25,6 +25,7 @@ pub use formats::{
     map_gives_error, open_flight, open_flight_among, open_flight_with, open_raw, open_raw_among, read_grid, read_map,
     read_points, topics, topics_among, write_grid,
 };
+pub use grid::coordinate_factor;
 pub use grids::{
     AnomalyGrid, Crs, GridHeight, LineType, MapSummary, ReadError, Registration, SummaryValue, geographic,
 };

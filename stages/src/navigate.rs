@@ -105,7 +105,7 @@ stage! {
     /// over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the start of the
     /// line. The assumed variance and time constant of the remaining error are then doubled. With `measurement_sigma_nt
     /// = "auto"`, the error of bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
+    Navigate = "navigate", version 13, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],
     example r#"

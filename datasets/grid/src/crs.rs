@@ -33,7 +33,7 @@ impl Crs {
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))
-                .help("convert the map to a UTM zone or to latitude and longitude first")
+                .help("convert the coordinates to a UTM zone or to latitude and longitude first")
         };
         let known = crs_definitions::from_code(code).ok_or_else(|| unknown("is unknown".to_owned()))?;
         if let Some(why) = refusal(code, known.proj4, known.wkt) {

@@ -13,6 +13,7 @@ mod document;
 mod epoch;
 mod make;
 mod other_ready;
+mod position;
 mod row_value;
 mod rows;
 pub mod suggest;
@@ -31,8 +32,8 @@ use schemas::{Fault, Params, keys::HashKey};
 
 pub use datasets::mappings::READY;
 pub use declare::{
-    LogEpochKeys, MappingColumnKeys, MappingTableKeys, QuaternionKeys, RowIdentifierKeys, TimeStampKeys,
-    VectorSensorKeys,
+    LogEpochKeys, MappingColumnKeys, MappingTableKeys, ProjectedPositionKeys, QuaternionKeys, RowIdentifierKeys,
+    TimeStampKeys, VectorSensorKeys,
 };
 use document::{MappingDocument, TableDecl};
 use rows::RepeatedRows;
@@ -349,6 +350,7 @@ pub fn reference() -> String {
         ("columns", MappingColumnKeys::docs(&lists)),
         ("vectors", VectorSensorKeys::docs(&lists)),
         ("quaternions", QuaternionKeys::docs(&lists)),
+        ("projected", ProjectedPositionKeys::docs(&lists)),
     ];
     let mut text = String::new();
     for (title, docs) in groups {

@@ -185,6 +185,16 @@ impl AxisUnit {
     }
 }
 
+/// The factor that converts coordinates from the unit `unit` to the unit of a system; 1 for an empty text. Notes
+/// receive a conversion.
+///
+/// # Errors
+/// Fails for an unknown unit, degrees in a projected system, or a length in a system of degrees.
+pub fn coordinate_factor(path: &Path, unit: &str, crs: &Crs, notes: &mut Vec<String>) -> Result<f64, ReadError> {
+    let unit = AxisUnit::read(path, "unit", unit)?;
+    unit.map_or(Ok(1.0), |unit| unit.to_system(path, crs, CrsSource::Given, notes))
+}
+
 fn unit_of(crs: &Crs) -> String {
     match crs.unit_m() {
         _ if crs.is_geographic() => "degrees".to_owned(),

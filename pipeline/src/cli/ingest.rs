@@ -77,6 +77,9 @@ pub struct IngestArgs {
     /// first one is examined, and the others are compared with it.
     #[arg(long, conflicts_with = "lines")]
     suggest: bool,
+    /// The EPSG code of the log's eastings and northings, for a suggested mapping.
+    #[arg(long, requires = "suggest")]
+    epsg: Option<u16>,
     /// The output file of the suggested mapping; standard output by default.
     #[arg(short, long, requires = "suggest")]
     output: Option<PathBuf>,
@@ -483,7 +486,8 @@ fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
         logs.extend(find(input, Path::new(""), args.format.is_some() || Path::new(input).is_file())?);
     }
     let options = FlightOptions { format: args.format.clone(), ..FlightOptions::default() };
-    let text = suggest::suggest_for(&logs, &options, flight_formats()).map_err(Fault::from)?.text;
+    let system = suggest::KnownSystem::new(Path::new(""), args.epsg, None).map_err(Fault::from)?;
+    let text = suggest::suggest_for(&logs, &options, flight_formats(), &system).map_err(Fault::from)?.text;
     let Some(to) = &args.output else {
         say::out_text(text);
         return Ok(());

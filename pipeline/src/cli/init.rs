@@ -17,7 +17,7 @@ use intake::{
     mapping::{
         Mapping,
         detect::{MappingFit, fitting},
-        suggest,
+        suggest::{self, KnownSystem},
     },
 };
 use plan::{Plan, parse_spec, sources::Flights};
@@ -36,6 +36,9 @@ pub struct InitArgs {
     /// A log, and optionally an anomaly map.
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// The EPSG code of the log's eastings and northings. Default: a system in which they are on the map.
+    #[arg(long)]
+    epsg: Option<u16>,
     /// The output file of the spec. Default: the name of the log with `.toml`. An existing file is not overwritten.
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -57,16 +60,17 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         let what = format!("{} exists and is not overwritten", there.display());
         return Err(Fault::new(what).help("give another file with `-o`, or move the existing file").into());
     }
-    let source = source(log, &own)?;
+    let grid = maps.first().map(|path| read_grid(path, &MapOptions::default()).map_err(Fault::from));
+    let on_map = grid.as_ref().and_then(|grid| grid.as_ref().ok());
+    let source = source(log, &own, &KnownSystem::new(log, args.epsg, on_map).map_err(Fault::from)?)?;
     let found = LogFindings::read(log, &source)?;
     let mut map = None;
     let mut questions = source.questions.clone();
     questions.extend(found.questions.iter().cloned());
-    if let Some(path) = maps.first() {
-        match read_grid(path, &MapOptions::default()) {
-            Ok(_) => map = Some(relative(path, &folder)?),
-            Err(e) => questions.push(format!("the map is not used yet: {}", Fault::from(e))),
-        }
+    match (maps.first(), &grid) {
+        (Some(path), Some(Ok(_))) => map = Some(relative(path, &folder)?),
+        (_, Some(Err(e))) => questions.push(format!("the map is not used yet: {e}")),
+        _ => {}
     }
     let position = map.as_ref().and_then(|_| position_question(&found, source.own.as_ref().map(|_| shown(&own))));
     if let Some(question) = position {
@@ -160,8 +164,9 @@ fn position_question(found: &LogFindings, mapping: Option<&Path>) -> Option<Stri
     Some(format!("which columns give the position and the height? The map and the navigation need {names}. {remedy}"))
 }
 
-/// The mapping of a log: none, built-in or suggested. `own` is the file of a suggested mapping.
-fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
+/// The mapping of a log: none, built-in or suggested. `own` is the file of a suggested mapping, `system` the coordinate
+/// system of eastings and northings.
+fn source(log: &Path, own: &Path, system: &KnownSystem) -> Result<InitSource, ExitReason> {
     let options = FlightOptions::default();
     let label = own.display().to_string();
     let parsed = |text: &str| Mapping::of_text(label.clone(), text.to_owned()).map(Arc::new);
@@ -182,7 +187,7 @@ fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
     if let Some(best) = fitting(log, &options, flight_formats()).map_err(Fault::from)?.into_iter().next() {
         return builtin(best, parsed);
     }
-    let suggestion = suggest::suggest(log, &options, flight_formats()).map_err(Fault::from)?;
+    let suggestion = suggest::suggest(log, &options, flight_formats(), system).map_err(Fault::from)?;
     let mapping = Some(parsed(&suggestion.text)?);
     Ok(InitSource {
         builtin: None,

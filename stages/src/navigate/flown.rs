@@ -69,20 +69,24 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
     for FilterPointGroup { ins, places, begin, .. } in &flights {
         let mut maps = vec![];
         for place in places {
-            let map = points[*place].prepared.map.as_ref();
-            let at_heights = |ins: &InsColumns| map.map(|map| map.for_heights(ins.alt_m())).transpose();
+            let LinePoint { stage, prepared, .. } = points[*place];
+            let at_heights = |ins: &InsColumns| {
+                let Some(maps) = &prepared.map else { return Ok([None, None]) };
+                let around = if stage.searches_height() { maps.around_heights(ins.alt_m())? } else { None };
+                Ok([Some(maps.for_heights(ins.alt_m())?), around])
+            };
             match ins.as_ref().map_err(Clone::clone).and_then(at_heights) {
-                Ok(map) => maps.push((*place, map)),
+                Ok(maps_of_place) => maps.push((*place, maps_of_place)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
             }
         }
         let mut works = vec![];
         let mut found = vec![];
-        for (place, map) in &maps {
-            let (point, map) = (points[*place], map.as_deref());
-            let of = |ins| flown(point, ins, begin, map, (&mut cores, &mut found));
+        for (place, maps_of_place) in &maps {
+            let (point, own_and_around) = (points[*place], maps_of_place.each_ref().map(Option::as_deref));
+            let of = |ins| flown_on(point, ins, begin, own_and_around, (&mut cores, &mut found));
             match ins.as_ref().map_err(Clone::clone).and_then(of) {
-                Ok(flown) => works.push((*place, point.stage, flown, map)),
+                Ok((flown, map)) => works.push((*place, point.stage, flown, map)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
             }
         }
@@ -136,6 +140,31 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
         InitialCondition::Fixed { fix, row, .. } => Ok(ins.corrected(fix, *row)),
         InitialCondition::Given | InitialCondition::Aligned { .. } => Ok(ins),
     }
+}
+
+/// Ratio of a height bias to its standard deviation above which the bias is searched with the noise of the line. On a
+/// line without a bias, one in twenty exceeds it.
+const SUSPECTED_BIAS: f64 = 2.0;
+
+/// Filter input of one point and its map. The map is `own`, at the heights of the line, or `around`, continued below and
+/// above them, if the line has a height bias.
+fn flown_on<'a>(
+    point: LinePoint<'a, Navigate>,
+    ins: &'a InsColumns,
+    begin: &InitialCondition,
+    [own, around]: [Option<&'a NavigationMap>; 2],
+    (cores, found): (&mut CoreFieldCache, &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>),
+) -> Result<(FilterInput<'a>, Option<&'a NavigationMap>), Fault> {
+    let exact = flown(point, ins, begin, own, (cores, found))?;
+    let Some((tuned, around)) = exact.tuned.as_ref().zip(around) else { return Ok((exact, own)) };
+    let bias = tuned.height_bias_m(&exact, around)?;
+    if bias.is_some_and(|[bias_m, sigma_m]| bias_m.abs() > SUSPECTED_BIAS * sigma_m) {
+        let biased = flown(point, ins, begin, Some(around), (cores, found))?;
+        if biased.map_height_sigma_m.is_some() {
+            return Ok((biased, Some(around)));
+        }
+    }
+    Ok((exact, own))
 }
 
 /// Filter input of one point.

@@ -89,8 +89,8 @@ params! {
     /// `tuning = "auto"`, which continues the map to twice this value below and above the line. 0 omits this state.
     /// Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
-        absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if the bias is within the levels \
-            of the map and clearly increases the likelihood",
+        absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if a bias clearly increases the \
+            likelihood. Unless `map_levels_m` is set, it then continues the map up to 100 m below and above the line",
         rule Rule::NotNegative;
     /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
     /// right, down). The three components are additional states. Their effect on the total field follows from the

@@ -4,6 +4,7 @@ use numerics::navigation::{
     ins_error::InsErrorModel,
     likelihood::{self, LineNoise, NoiseParameters, NoiseSearch},
     line::NavigationLine,
+    output::NavigationError,
     pinson::StateMatrix,
 };
 use numerics::signal::gauss_markov::GaussMarkov;
@@ -158,13 +159,41 @@ impl LineNoiseEstimate {
         if rows.len() <= few.len() {
             return Ok(self);
         }
+        let constants = [latency_sigma_s, map_height_sigma_m];
+        let denser = |search: &NoiseSearch| likelihood::denser(search, noise, few.len());
+        if let Some(more) = self.with_search(flown, &rows, (given, None, constants), denser)? {
+            (self.noise, self.rows) = (Some(more), Some(rows));
+        }
+        Ok(self)
+    }
+
+    /// Height bias and its standard deviation, in metres, on a map that is continued above and below the line. `None`
+    /// without noise or with a state for the bias.
+    pub(super) fn height_bias_m(&self, flown: &FilterInput, map: &NavigationMap) -> Result<Option<[f64; 2]>, Fault> {
+        let Some(noise) = self.noise.filter(|noise| noise.map_height_sigma_m.is_none()) else { return Ok(None) };
+        let flown = FilterInput { map: Some(&map.field), ..flown.clone() };
+        let usual = || likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
+        let rows = self.rows.clone().unwrap_or_else(usual);
+        let given = (NoiseParameters::default(), None, [None; 2]);
+        self.with_search(&flown, &rows, given, |search| likelihood::height_bias_m(search, &noise)).map(Some)
+    }
+
+    /// Calls `of` with the line at some rows, from the start of this estimate and with its map error.
+    fn with_search<T>(
+        &self,
+        flown: &FilterInput,
+        rows: &[usize],
+        (given, _, [latency_sigma_s, map_height_sigma_m]): GivenNoise,
+        of: impl FnOnce(&NoiseSearch) -> Result<T, NavigationError>,
+    ) -> Result<T, Fault> {
         let errors = InsErrorModel { start: self.start, ..flown.errors };
         let line = NavigationLine { fixes: flown.fixes(), errors, ..flown.line()? };
         let (scale, known) = (flown.scale(), flown.known_nt());
-        let directions = noise.permanent.and_then(|_| flown.field_directions(&rows));
+        let permanent = self.noise.and_then(|noise| noise.permanent);
+        let directions = permanent.and_then(|_| flown.field_directions(rows));
         let search = NoiseSearch {
             line: &line,
-            rows: &rows,
+            rows,
             scale: &scale,
             known_nt: known.as_deref(),
             map_nt: self.map_nt.as_deref(),
@@ -174,10 +203,7 @@ impl LineNoiseEstimate {
             map_height_sigma_m,
             given,
         };
-        if let Some(more) = likelihood::denser(&search, noise, few.len()).map_err(data)? {
-            (self.noise, self.rows) = (Some(more), Some(rows));
-        }
-        Ok(self)
+        of(&search).map_err(data)
     }
 
     /// Whether the line is long enough to estimate its noise.

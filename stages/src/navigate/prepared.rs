@@ -61,6 +61,10 @@ const DOWNWARD: f64 = 1.0;
 const MOST_KEPT: usize = 8;
 /// Maximum number of levels per line.
 const MOST_LEVELS: f64 = 24.0;
+/// Distance below and above a line to which the map is continued to search for a height bias, in metres.
+const SEARCHED_M: f64 = 100.0;
+/// Maximum number of nodes on all levels of a map for this search, which limits the memory.
+const MOST_SEARCHED_NODES: usize = 10_000_000;
 
 impl MapHeightLevels {
     /// Levels for a line between two heights, in metres. There are no levels if the map's own height is close enough,
@@ -111,9 +115,21 @@ impl NavigationMaps {
     /// # Errors
     /// Fails in the cases of [`field_map`].
     pub(super) fn for_heights(&self, alt_m: &[f64]) -> Result<Arc<NavigationMap>, Fault> {
-        let finite = || alt_m.iter().copied().filter(|alt| alt.is_finite());
-        let (low_m, high_m) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+        let (low_m, high_m) = ends(alt_m);
         self.at(self.ladder.and_then(|ladder| ladder.levels_m(low_m, high_m)))
+    }
+
+    /// Map that is also continued below and above a line at these heights, to search for a height bias. `None` for
+    /// given levels, a map of unknown height, or a map that is too large.
+    ///
+    /// # Errors
+    /// Fails in the cases of [`field_map`].
+    pub(super) fn around_heights(&self, alt_m: &[f64]) -> Result<Option<Arc<NavigationMap>>, Fault> {
+        let Some(ladder) = self.ladder else { return Ok(None) };
+        let (low_m, high_m) = ends(alt_m);
+        let levels = MapHeightLevels { reach_m: SEARCHED_M, ..ladder }.levels_m(low_m, high_m);
+        let fits = |levels: &Vec<f64>| levels.len() * self.table.num_rows() <= MOST_SEARCHED_NODES;
+        levels.filter(fits).map(|levels| self.at(Some(levels))).transpose()
     }
 
     fn at(&self, levels_m: Option<Vec<f64>>) -> Result<Arc<NavigationMap>, Fault> {
@@ -132,6 +148,12 @@ impl NavigationMaps {
         made.push((levels_m, map.clone()));
         Ok(map)
     }
+}
+
+/// Lowest and highest of the finite heights.
+fn ends(alt_m: &[f64]) -> (f64, f64) {
+    let finite = || alt_m.iter().copied().filter(|alt| alt.is_finite());
+    (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max))
 }
 
 /// Height of a level map; `None` for a draped map or an unknown height.

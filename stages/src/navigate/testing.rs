@@ -15,7 +15,14 @@ const M_PER_DEG: f64 = 111_130.0;
 
 /// The field of the map, in nT, at metres north and east of 45° N, 75° W: hills of a few kilometres.
 fn hills(north: f64, east: f64) -> f64 {
-    60.0 * (north / 500.0).sin() + 50.0 * (east / 430.0 + north / 900.0).cos()
+    hills_above(north, east, 0.0)
+}
+
+/// That field at metres above the map. Each harmonic decays with its wave number.
+fn hills_above(north: f64, east: f64, up: f64) -> f64 {
+    let decay = |k: f64| (-k * up).exp();
+    60.0 * decay(1.0 / 500.0) * (north / 500.0).sin()
+        + 50.0 * decay(f64::hypot(1.0 / 430.0, 1.0 / 900.0)) * (east / 430.0 + north / 900.0).cos()
 }
 
 /// Field `ahead_m` metres ahead of the aircraft at a row, in nT.
@@ -29,6 +36,16 @@ pub(super) fn ahead_nt(row: usize, ahead_m: f64) -> f64 {
 
 fn metres(lat: f64, lon: f64) -> (f64, f64) {
     ((lat - 45.0) * M_PER_DEG, (lon + 75.0) * M_PER_DEG * 45_f64.to_radians().cos())
+}
+
+/// The flight with the true height `up_m` above its height columns and above the map.
+pub(super) fn higher(up_m: f64) -> RecordBatch {
+    let flight = flight();
+    let (lat, lon) = (numbers_of(&flight, "lat"), numbers_of(&flight, "lon"));
+    with(&flight, "mag_1_c", |row, nt| {
+        let (north, east) = metres(lat[row], lon[row]);
+        nt + hills_above(north, east, up_m) - hills(north, east)
+    })
 }
 
 /// The map, nodes 0.001° apart.

@@ -208,6 +208,12 @@ impl Navigate {
         keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])
     }
 
+    /// Whether the likelihood decides on a state for the height bias.
+    pub(super) fn searches_height(&self) -> bool {
+        let [_, height] = self.given_constants();
+        height.is_none() && self.finds_noise(true) && self.filter.keys.aircraft().is_none()
+    }
+
     /// Whether the track has the columns of the lag, and those of the height bias.
     pub(super) fn has_constants(&self, has_map: bool) -> [bool; 2] {
         self.given_constants().map(|given| given.map_or_else(|| self.finds_noise(has_map), |sigma| sigma > 0.0))

@@ -13,6 +13,7 @@ use super::{
     columns::{ColumnRecipe, MappingColumns, SqlExpression, as_numbers, column, numbers},
     document::{KeyDecl, TableDecl},
     make::{ColumnRecipes, one_column, one_quaternion, one_vector, others},
+    position::one_position,
     time::TableClock,
     vector::roll_pitch_yaw_deg,
 };
@@ -95,6 +96,9 @@ impl MappingBinding {
         for quaternion in &decl.quaternions {
             one_quaternion(quaternion, columns, &mut made);
         }
+        if let Some(position) = &decl.projected {
+            one_position(position, columns, &mut made);
+        }
         if decl.head.value.others {
             others(decl, columns, &mut made);
         }
@@ -153,6 +157,10 @@ impl MappingBinding {
                     let angles: Vec<[f64; 3]> =
                         rows.map(|(((a, b), c), d)| roll_pitch_yaw_deg([*a, *b, *c, *d], *order, *frames)).collect();
                     out.extend(axes_of(&angles));
+                }
+                ColumnRecipe::Projected { at: [easting, northing], position } => {
+                    let places = position.degrees(&numbers(batch, *easting)?, &numbers(batch, *northing)?)?;
+                    out.extend(places.map(|degrees| Arc::new(Float64Array::from(degrees)) as ArrayRef));
                 }
             }
         }

@@ -9,6 +9,7 @@ use super::{
     declare::{QuaternionFrames, QuaternionOrder},
     document::MappingSpan,
     other_ready,
+    position::ProjectedPosition,
     row_value::RowExpression,
     vector::SensorMounting,
 };
@@ -112,7 +113,7 @@ impl NumberSource {
     }
 }
 
-/// Recipe of one output column, or of three output columns.
+/// Recipe of one, two or three output columns.
 #[derive(Clone, Debug)]
 pub(super) enum ColumnRecipe {
     /// Unchanged column of the file.
@@ -137,6 +138,10 @@ pub(super) enum ColumnRecipe {
         at: [usize; 4],
         order: QuaternionOrder,
         frames: QuaternionFrames,
+    },
+    Projected {
+        at: [usize; 2],
+        position: Box<ProjectedPosition>,
     },
 }
 

@@ -214,6 +214,21 @@ params! {
 }
 
 params! {
+    /// A position in eastings and northings.
+    pub struct ProjectedPositionKeys;
+    /// The column of eastings.
+    easting: String, unit "";
+    /// The column of northings.
+    northing: String, unit "";
+    /// The EPSG code of the coordinate system, such as 32754 for UTM zone 54 south.
+    epsg: u16, unit "";
+    /// The unit of the eastings and northings.
+    unit: Option<String>, unit "", default None, absent "from the file, else the unit of the coordinate system";
+    /// The columns of latitude and longitude.
+    to: Vec<String>, unit "", default vec!["lat".to_owned(), "lon".to_owned()];
+}
+
+params! {
     /// One table of a mapping, without its clock, keys and columns.
     pub struct MappingTableKeys, all default;
     /// The message, topic or array of the table.

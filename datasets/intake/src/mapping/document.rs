@@ -5,8 +5,8 @@ use std::ops::Range;
 use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, SpecEntries, SpecEntry, SpecSection};
 
 use super::declare::{
-    AttitudeKeys, LogEpochKeys, MappingColumnKeys, MappingTableKeys, QuaternionKeys, RowIdentifierKeys, TableClockKeys,
-    TimeStampKeys, VectorSensorKeys,
+    AttitudeKeys, LogEpochKeys, MappingColumnKeys, MappingTableKeys, ProjectedPositionKeys, QuaternionKeys,
+    RowIdentifierKeys, TableClockKeys, TimeStampKeys, VectorSensorKeys,
 };
 
 /// Byte range in the text of a mapping.
@@ -60,6 +60,8 @@ pub struct TableDecl {
     pub vectors: Vec<(String, SpannedValue<VectorSensorKeys>)>,
     /// The attitudes that are quaternions.
     pub quaternions: Vec<SpannedValue<QuaternionKeys>>,
+    /// The position in eastings and northings, if set.
+    pub projected: Option<SpannedValue<ProjectedPositionKeys>>,
 }
 
 /// Parsed text of a mapping.
@@ -72,7 +74,7 @@ pub struct MappingDocument {
 }
 
 const TOP: [&str; 6] = ["about", "format", "flight", "line", "epoch", "tables"];
-const TABLE: [&str; 6] = ["flight", "line", "time", "epoch", "columns", "vectors"];
+const TABLE: [&str; 7] = ["flight", "line", "time", "epoch", "columns", "vectors", "projected"];
 
 /// Reads the text of a mapping.
 ///
@@ -165,6 +167,8 @@ impl MappingParser {
         };
         let columns = self.groups::<MappingColumnKeys>("columns", &section.keys);
         let vectors = self.groups::<VectorSensorKeys>("vectors", &section.keys);
+        let position = section.keys.get("projected");
+        let projected = position.and_then(|given| self.group::<ProjectedPositionKeys>("projected", given));
         let mut head = head?;
         head.format = head.format.or(format.map(str::to_owned));
         Some(TableDecl {
@@ -177,6 +181,7 @@ impl MappingParser {
             columns,
             vectors,
             quaternions: quaternions(attitudes?, &section.keys),
+            projected,
         })
     }
 

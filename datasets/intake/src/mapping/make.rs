@@ -67,7 +67,7 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut
     known.role
 }
 
-fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
+pub(super) fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
     let key = flight::KEYS.contains(&name);
     if key {
         let help = if name == "tt" { "set it in `time`" } else { "set it in the table itself, not in `columns`" };
@@ -293,6 +293,7 @@ pub(super) fn others(decl: &TableDecl, columns: &mut MappingColumns, made: &mut 
         decl.columns.iter().any(|(_, c)| c.value.from.as_ref() == Some(name))
             || decl.vectors.iter().any(|(_, v)| v.value.from.contains(name))
             || decl.quaternions.iter().any(|q| q.value.from.contains(name))
+            || decl.projected.iter().any(|p| [&p.value.easting, &p.value.northing].contains(&name))
             || decl.time.value.from.contains(name)
             || made.fields.iter().any(|(f, _)| f.name() == name)
             || flight::KEYS.contains(&name.as_str())

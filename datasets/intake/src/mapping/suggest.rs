@@ -4,6 +4,7 @@
 mod clocks;
 mod columns;
 mod field;
+mod position;
 mod repeats;
 mod sample;
 mod text_clock;
@@ -22,6 +23,8 @@ use schemas::one_line;
 
 use clocks::{ClockGuess, clock_of, epoch_of};
 use columns::{ColumnGuess, guesses};
+pub use position::KnownSystem;
+use position::ProjectedColumns;
 use repeats::RepeatedTimes;
 use sample::ColumnSample;
 
@@ -58,11 +61,12 @@ pub fn suggest_for(
     paths: &[PathBuf],
     options: &FlightOptions,
     formats: &[FlightFormat],
+    system: &KnownSystem,
 ) -> Result<MappingSuggestion, ReadError> {
     let Some((first, others)) = paths.split_first() else {
         return Err(ReadError::options(Path::new("."), "there is no log"));
     };
-    let found = suggest(first, options, formats)?;
+    let found = suggest(first, options, formats, system)?;
     if others.is_empty() {
         return Ok(found);
     }
@@ -100,11 +104,16 @@ pub fn suggest_for(
     Ok(MappingSuggestion { text: format!("{counted}{text}{}", found.text), ..found })
 }
 
-/// A mapping of a log.
+/// A mapping of a log. Eastings and northings have the coordinate system `system`.
 ///
 /// # Errors
 /// Fails for a log that cannot be read, or for a log without any recognised column.
-pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<MappingSuggestion, ReadError> {
+pub fn suggest(
+    path: &Path,
+    options: &FlightOptions,
+    formats: &[FlightFormat],
+    system: &KnownSystem,
+) -> Result<MappingSuggestion, ReadError> {
     let listed = topics_among(formats, path, options)?;
     let mut format = "";
     let mut topics = vec![];
@@ -121,7 +130,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     let mut letters = (b'a'..=b'z').map(char::from);
     for topic in &topics {
         let found = guesses(topic, &mut letters);
-        let useful = found.iter().any(ColumnGuess::is_used);
+        let useful = found.iter().any(ColumnGuess::is_used) || ProjectedColumns::find(topic).is_some();
         match &topic.clock {
             Some(clock) if useful => tables.push((topic, clock, found)),
             Some(_) if found.is_empty() => {
@@ -165,7 +174,11 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     questions.dedup();
     for (topic, clock, found) in &tables {
         let name = table_name(if single && topic.name.is_empty() { "log" } else { &topic.name }, &taken);
-        text += &table(&name, topic, clock, found, &mut unused);
+        let located = found.iter().any(|guess| guess.is_used() && guess.ours == "lat");
+        let positions = if located { None } else { ProjectedColumns::find(topic) };
+        let known = positions.as_ref().and_then(|positions| positions.system(system));
+        questions.extend(positions.iter().filter(|_| known.is_none()).map(ProjectedColumns::question));
+        text += &table(&name, topic, clock, found, positions.map(|columns| (columns, known)), &mut unused);
         taken.push(name);
     }
     if !rest.is_empty() {
@@ -215,6 +228,7 @@ fn table(
     topic: &TopicSample,
     clock: &ClockGuess,
     found: &[ColumnGuess],
+    positions: Option<(ProjectedColumns, Option<(u16, String)>)>,
     unused: &mut Vec<String>,
 ) -> String {
     let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
@@ -234,6 +248,14 @@ fn table(
                  this rate\n"
             );
         }
+    }
+    match &positions {
+        Some((columns, Some((epsg, why)))) => text += &format!("{}   # {why}\n", columns.toml(*epsg)),
+        Some((columns, None)) => {
+            text += &wrapped(&format!("? {}", columns.question()));
+            text += &format!("# {}\n", columns.toml(32754));
+        }
+        None => {}
     }
     for (section, vectors) in [("columns", false), ("vectors", true)] {
         let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
@@ -262,6 +284,7 @@ fn table(
         clock.toml.contains(&quoted_name)
             || schemas::flight::KEYS.iter().any(|key| key_column(topic, key) == Some(c.name.as_str()))
             || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
+            || positions.iter().any(|(columns, _)| [&columns.easting, &columns.northing].contains(&&c.name))
     };
     let others: Vec<String> =
         topic.columns.iter().filter(|c| !named(c)).map(|c| one_line(&c.name).into_owned()).collect();

@@ -123,6 +123,32 @@ fn law_all_clocks_give_the_same_instant() {
 }
 
 #[test]
+fn ref_eastings_and_northings_in_any_unit_are_a_position() {
+    // The CN Tower: 43 deg 38' 33.24" N, 79 deg 23' 13.7" W is 17T 630084 m E, 4833438 m N.
+    let csv = |unit: f64| format!("ms,e,n\n0,{},{}\n100,0,0\n", 630_084.0 / unit, 4_833_438.0 / unit);
+    let time = "{ from = 'ms', unit = 'ms', clock = 'boot' }";
+    let mapping = |keys: &str| table(time, &format!("projected = {{ {keys} }}"));
+    for (unit, name) in [(1.0, ""), (1000.0, ", unit = 'km'"), (1200.0 / 3937.0, ", unit = 'us-ft'")] {
+        let out = rows(&csv(unit), &mapping(&format!("easting = 'e', northing = 'n', epsg = 32617{name}"))).unwrap();
+        let (lat, lon) = (numbers(&out, "lat"), numbers(&out, "lon"));
+        assert!((lat[0] - 43.642_567).abs() < 2e-5 && (lon[0] + 79.387_139).abs() < 2e-5, "{name}: {lat:?} {lon:?}");
+        assert!(lat[1].is_nan() && lon[1].is_nan(), "a receiver without a fix");
+    }
+    for (keys, expected) in [
+        ("easting = 'e', northing = 'n', epsg = 4326", &["is in degrees"]),
+        ("easting = 'e', northing = 'n', epsg = 1", &["EPSG:1 is unknown"]),
+        ("easting = 'x', northing = 'n', epsg = 32617", &["there is no column `x`"]),
+        ("easting = 'n', northing = 'e', epsg = 32617", &["not a position in"]),
+        ("easting = 'e', northing = 'n', epsg = 32617, unit = 'deg'", &["the coordinates are in degrees"]),
+        ("easting = 'e', northing = 'n', epsg = 32617, to = ['lat']", &["names of two columns"]),
+        ("easting = 'e', northing = 'n', epsg = 32617, zone = 17", &["has no parameter `zone`"]),
+        ("easting = 'e', northing = 'n'", &["epsg"]),
+    ] {
+        assert_fault(rows(&csv(1.0), &mapping(keys)), expected);
+    }
+}
+
+#[test]
 fn unit_each_line_counts_from_the_midnight_of_its_first_sample() {
     let csv = "t,l,x\n1619049599,a,1\n1619049601,a,1\n1619049602,b,1\n";
     let mapping = "flight = 'f'\nline = { from = 'l' }\n[tables.t]\ntime = { from = 't', unit = 's', clock = 'unix' }\n\

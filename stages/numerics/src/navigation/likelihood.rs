@@ -43,6 +43,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::regression::consistency::{normalised_innovations, statistical_inefficiency};
 
 pub use aircraft::{AircraftFieldAlong, AircraftStates};
+pub use constant::height_bias_m;
 pub use interval::denser;
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
@@ -75,6 +76,20 @@ pub struct LineNoise {
     pub log_likelihood: f64,
     /// Number of predicted measurements.
     pub used: usize,
+}
+
+impl LineNoise {
+    /// Parameters, without the increase for the correlation of the innovations.
+    fn point(&self) -> NoisePoint {
+        let [permanent_nt, permanent_tau_s] = self.permanent.map_or([0.0; 2], |of| of.map(|estimate| estimate.value));
+        let white_nt = self.sigma_nt.value / self.inflation;
+        [white_nt, self.fogm_sigma_nt.value, self.fogm_tau_s.value, permanent_nt, permanent_tau_s]
+    }
+
+    /// Factor on the variance of the map's own error, without that increase.
+    fn own_map_factor(&self) -> f64 {
+        self.map_factor / (self.inflation * self.inflation)
+    }
 }
 
 /// Estimated parameter with its 95 % interval; for a given parameter, the interval has zero width. The interval follows

@@ -232,3 +232,20 @@ fn unit_a_height_measurement_bounds_the_height_of_the_other_filters() {
         assert!(found.numbers("height_nis").iter().all(|nis| nis.is_finite()), "{filter}");
     }
 }
+
+#[test]
+fn law_a_height_bias_is_found_without_levels_of_the_map() {
+    const KEYS: &str =
+        "core_field = false\nmag = 'mag_1_c'\ninit_position_sigma_m = 20.0\ninit_velocity_sigma_mps = 0.3";
+    for filter in FILTERS {
+        for up_m in [60.0, -60.0] {
+            let found = flown_on(filter, KEYS, &higher(up_m)).unwrap();
+            let end = |name: &str| found.numbers(name)[ROWS - 1];
+            let (bias_m, sigma_m) = (end("map_height_bias"), end("map_height_bias_sigma"));
+            assert!((bias_m - up_m).abs() < 3.0 * sigma_m && sigma_m < 15.0, "{filter} {up_m}: {bias_m} {sigma_m}");
+            assert!(found.error_m(ROWS - 1) < 25.0, "{filter} {up_m}: {}", found.error_m(ROWS - 1));
+        }
+        let exact = flown_on(filter, KEYS, &flight()).unwrap();
+        assert!(exact.numbers("map_height_bias_sigma").iter().all(|sigma_m| sigma_m.is_nan()), "{filter}");
+    }
+}

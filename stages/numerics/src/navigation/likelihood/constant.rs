@@ -1,8 +1,8 @@
 //! Search for constant states: the lag of the magnetometer, and the bias between the height of the INS and the height
 //! on the map. The lag of late time stamps is positive. The bias of an aircraft above its assumed height is positive.
 
-use super::{NoiseLikelihood, NoisePoint, PERMANENT};
-use crate::navigation::aided::AidedOutput;
+use super::{LineNoise, NoiseLikelihood, NoisePoint, NoiseSearch, PERMANENT, ThinnedLine};
+use crate::navigation::{aided::AidedOutput, output::NavigationError};
 
 /// Constant state: its prior standard deviation, and the largest estimate for which the state is used.
 struct ConstantState {
@@ -26,6 +26,26 @@ const LEAST_GAIN: f64 = 6.0;
 /// Factors on the white noise and on the process that are tried first. Without a state for the constant, the noise
 /// contains its effect.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
+
+/// Height bias and its standard deviation, in metres, at the last measurement of `search`: a test without a search,
+/// with the noise `noise` and a state for the bias. NaN without an estimate.
+///
+/// # Errors
+/// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
+pub fn height_bias_m(search: &NoiseSearch<'_>, noise: &LineNoise) -> Result<[f64; 2], NavigationError> {
+    search.line.check()?;
+    let thinned = ThinnedLine::new(search.line, search.rows);
+    let likelihood = NoiseLikelihood {
+        search,
+        thinned: &thinned,
+        terms: &[],
+        map_factor: noise.own_map_factor(),
+        latency_sigma_s: noise.latency_sigma_s,
+        map_height_sigma_m: Some(MAP_HEIGHT.prior_sigma),
+    };
+    let output = likelihood.output_with_states(&noise.point())?;
+    Ok(output.map_height_m.map(|values| values.last().copied().unwrap_or(f64::NAN)))
+}
 
 impl NoiseLikelihood<'_> {
     /// Whether the lag or the height bias is a state.

@@ -25,13 +25,12 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
     let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
-    let map_factor = noise.map_factor / (noise.inflation * noise.inflation);
+    let map_factor = noise.own_map_factor();
     let (thinned, terms) = (&thinned, &terms);
     let likelihood = NoiseLikelihood { search, thinned, terms, map_factor, latency_sigma_s, map_height_sigma_m };
-    let [permanent_nt, permanent_tau_s] = noise.permanent.map_or([0.0; 2], |of| of.map(|estimate| estimate.value));
-    let white_nt = noise.sigma_nt.value / noise.inflation;
-    let point =
-        |by: f64| [by * white_nt, noise.fogm_sigma_nt.value, noise.fogm_tau_s.value, permanent_nt, permanent_tau_s];
+    let [white_nt, others @ ..] = noise.point();
+    let [fogm_nt, tau_s, permanent_nt, permanent_tau_s] = others;
+    let point = |by: f64| [by * white_nt, fogm_nt, tau_s, permanent_nt, permanent_tau_s];
     let points = FACTORS.map(|by| likelihood.within_ranges(point(by)));
     let scores = likelihood.scores(&points);
     let best = points.iter().zip(scores).max_by(|a, b| a.1.log.total_cmp(&b.1.log));
