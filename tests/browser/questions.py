@@ -92,7 +92,7 @@ def compensation(page, do):
 
 def two_points(page, do):
     do.click(row(page, 0), "first point")
-    do.click(row(page, 3), "Shift and fourth point", modifiers=["Shift"])
+    do.click(row(page, 3), "Shift-click on the fourth point", modifiers=["Shift"])
     caption = explorer(page).locator("figcaption").inner_text()
     assert "The axes differ in" in caption
     return caption.split("Bars show")[0]
