@@ -47,7 +47,7 @@ def best(page, do):
 
 
 def best_lambda(page, do):
-    do.click(explorer(page).locator("[data-view=curve]"), "tab Curve")
+    do.click(explorer(page).locator("[data-view=curve]"), "*Curve* tab")
     explorer(page).locator(".view circle.best").wait_for()
     return explorer(page).locator("figcaption").inner_text()
 
@@ -55,11 +55,11 @@ def best_lambda(page, do):
 def worst_line(page, do):
     mag = explorer(page).locator('[data-key="is.mag"]')
     do.select(mag, "magnetometer 4", value="mag_4_uc")
-    do.click(explorer(page).locator("[data-view=lines]"), "tab Lines")
+    do.click(explorer(page).locator("[data-view=lines]"), "*Lines* tab")
     words = explorer(page).locator("figcaption").inner_text()
     line = words.split("Worst: ")[1].split(", line ")[1].split(",")[0]
     svg = explorer(page).locator(".view svg")
-    do.click(svg.locator("circle.dot, circle.point").first, "the first line", force=True)
+    do.click(svg.locator("circle.dot, circle.point").first, "first line of the plot", force=True)
     until(page, "(line) => document.querySelector('#series [role=status]').textContent.includes('line ' + line)", line)
     return page.locator("#series [role=status]").inner_text()
 
@@ -78,28 +78,28 @@ def within_three_sigma(page, do):
 
 
 def attitude(page, do):
-    do.click(page.locator("#series [data-preset=attitude]"), "panels Attitude")
+    do.click(page.locator("#series [data-preset=attitude]"), "*Attitude* button")
     until(page, "document.querySelectorAll('#series h3').length > 0 && "
           "[...document.querySelectorAll('#series h3')].some((h) => h.textContent.startsWith('Heading'))")
     return ", ".join(page.locator("#series .panel-figure h3").all_inner_texts())
 
 
 def compensation(page, do):
-    do.click(page.locator("#series [data-preset=compensation]"), "panels Compensation")
+    do.click(page.locator("#series [data-preset=compensation]"), "*Compensation* button")
     until(page, "[...document.querySelectorAll('#series .series-key')].some((k) => k.textContent.includes('mag_c'))")
     return ", ".join(page.locator("#series .series-key").all_inner_texts()[:4])
 
 
 def two_points(page, do):
     do.click(row(page, 0), "first point")
-    do.click(row(page, 3), "fourth point, with Shift", modifiers=["Shift"])
+    do.click(row(page, 3), "Shift-click on the fourth point", modifiers=["Shift"])
     caption = explorer(page).locator("figcaption").inner_text()
     assert "The axes differ in" in caption
     return caption.split("Bars show")[0]
 
 
 def failures(page, do):
-    do.click(page.locator("#live details summary").first, "the kind of failure")
+    do.click(page.locator("#live details summary").first, "kind of failure")
     words = page.locator("#live details").first.inner_text()
     assert "First at" in words
     return words.replace("\n", " ")
@@ -108,7 +108,7 @@ def failures(page, do):
 def origin(page, do):
     names = page.locator("[data-key=lineage] option").all_inner_texts()
     name = next(n for n in names if n.endswith("track"))
-    do.select(page.locator("[data-key=lineage]"), "table track", label=name)
+    do.select(page.locator("[data-key=lineage]"), "table *track*", label=name)
     until(page, "(name) => document.querySelector('#lineage h3').textContent.includes(name)", name)
     words = page.locator("#lineage ul.tree").inner_text()
     assert "navigate" in words
