@@ -8,7 +8,8 @@ use super::{
 };
 
 model! {
-    /// The model `m3s`, trained in five phases: Tolles-Lawson first, on samples without large effects of other sources.
+    /// The model `m3s`, trained in five phases. The first three phases train only the Tolles-Lawson coefficients, on
+    /// samples that the ridge fit predicts well.
     ///
     /// | fraction of `epochs` | trained | prediction | samples |
     /// |---|---|---|---|
@@ -20,9 +21,9 @@ model! {
     ///
     /// A sample is near the mean if the error of the ridge fit differs from its mean by at most `curriculum_sigma`
     /// standard deviations. The constant is trained in every phase. Adam restarts in each phase. `validation` selects
-    /// an epoch after the first 30 %. `whiten` applies to the inputs only.
+    /// an epoch after the first 30 % of the epochs. `whiten` applies to the inputs only.
     ///
-    /// MagNav.jl compares the validation losses of all phases. If the smallest loss is in the first 30 %, the result
+    /// MagNav.jl selects an epoch from all phases. If it selects an epoch of the first three phases, the result
     /// contains the untrained network.
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_train` and `get_curriculum_ind`, model `m3sc`.

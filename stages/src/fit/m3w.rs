@@ -9,8 +9,8 @@ use super::{
 };
 
 model! {
-    /// The model `m3s` with a network whose inputs are taken from all samples of a window: f(v) + N(x of the window).
-    /// The window ends at the predicted sample. If a run is shorter than the window, its first sample replaces the
+    /// The model `m3s` with a network whose inputs are the inputs x of all samples of a window: f(v) + N(x of the
+    /// window). The window ends at the predicted sample. At the beginning of a run, the first sample replaces the
     /// missing earlier samples. MagNav.jl also joins consecutive lines with similar inputs into one run. In magline,
     /// runs end at gaps and at the end of the line.
     ///
