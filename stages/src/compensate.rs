@@ -56,7 +56,8 @@ stage! {
     /// for `m1`, `m2a`, trees and random features. `part_network` is the remaining prediction, from the network and
     /// constants. For the models `m3tl` to `m3tf`, `part_permanent_x` to `part_eddy_z` are the permanent, induced and
     /// eddy-current vectors along the axes of the vector magnetometer. `part_network_x` to `part_network_z` are the
-    /// vector that the network predicts; it is 0 except for `m3v` and `m3vc`. All vectors are null for other models.
+    /// components of the vector that the network predicts. They are 0 except for `m3v` and `m3vc`. For other models,
+    /// all vectors are null.
     ///
     /// Source: Gnadt 2022, (3.22).
     Compensate = "compensate", version 4, grain Line, role Compensates, inputs [input: Lines, model: Model],

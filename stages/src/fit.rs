@@ -86,8 +86,8 @@ stage! {
     /// was not fitted to neighbours of the predicted samples. If a whole flight is omitted, the model also cannot
     /// benefit from effects that last for a flight, such as a magnetisation or a temperature. The score of an omitted
     /// line is the variance (with divisor n) of the prediction error. The mean of the prediction error is ignored,
-    /// because a band-pass filter removes it. All lines have equal weight. The selected value is in the column
-    /// `chosen`.
+    /// because compensation does not determine constants. All lines have equal weight. The selected value is in the
+    /// column `chosen`.
     ///
     /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which is used for
     /// all values of `lambda`, numbers of components and omitted lines. Normal equations are not used, because they
@@ -119,10 +119,10 @@ stage! {
     /// omitted and listed in the table `failures`.
     ///
     /// `approximation_bound` is an upper bound on the error of the linear model, nT. The linear model approximates the
-    /// change in the magnitude of the field by the projection of the aircraft field on the earth's field. The relative
-    /// error is at most b^2/2, where b is the aircraft field divided by the earth's field. The bound is computed from
-    /// the permanent and induced coefficients for the worst attitude. The bound is null if the terms do not determine
-    /// it, or if the target is not a total field.
+    /// change in the magnitude of the field by the projection of the aircraft field on the earth's field. Relative to
+    /// the total field, the error is at most b^2/2, where b is the aircraft field divided by the earth's field. The
+    /// bound is computed from the permanent and induced coefficients for the worst attitude. The bound is null if the
+    /// terms do not determine it, or if the target is not a total field.
     ///
     /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` describe the noise of the unfiltered residual on
     /// the lines of the fit. They are the parameters of white noise and of first-order Gauss-Markov noise. Together,

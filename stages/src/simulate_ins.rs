@@ -27,8 +27,8 @@ use crate::columns::{array, data, faults_of, floats, shape};
 stage! {
     /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The simulated INS data are added to the
     /// flight, or replace its INS data. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
-    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which
-    /// `navigate` reads like measured columns.
+    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`.
+    /// `navigate` reads these columns like measured columns.
     ///
     /// The true position is `lat`, `lon` and `alt`. The velocity is used if `vn`, `ve` and `vd` exist, and the attitude
     /// if `roll`, `pitch` and `yaw` exist. Missing velocities are derived from the positions, and specific forces from

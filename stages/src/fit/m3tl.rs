@@ -24,7 +24,8 @@ model! {
     /// is the component of v perpendicular to B. For u = 2,000 nT in a field of 50,000 nT, the difference is 40 nT. The
     /// magnitude is exact if the vector magnetometer measures the same aircraft field as the scalar magnetometer. B and
     /// dB are computed from the Tolles-Lawson terms, which must include all permanent and induced terms, and all eddy
-    /// terms or none. Other terms are ignored.
+    /// terms or none. Other terms are ignored. The keys of a network (`hidden`, `activation`, `inputs`, `weight_decay`,
+    /// `dropout`, `group_lasso`, `group_share`) are rejected.
     ///
     /// Training starts from the ridge fit of the terms. During training, terms are centred and scaled, and decorrelated
     /// if `whiten` is set. The target should be the aircraft field including its constant part, such as `target` with

@@ -14,8 +14,8 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Partial least squares: ordinary least squares on linear combinations of the centred features, the components.
-    /// They have the largest covariance with the target. With `with_targets`, all targets have the same components.
+    /// Partial least squares: ordinary least squares on components, the linear combinations of the centred features
+    /// that have the largest covariance with the target. With `with_targets`, all targets have the same components.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,

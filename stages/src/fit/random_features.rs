@@ -27,11 +27,11 @@ model! {
     /// Number of random features. More features approximate the Gaussian process better. Computing time is proportional
     /// to the square of this number.
     random_features: usize, unit "1", default 200usize, rule Rule::Between(2.0, 10_000.0);
-    /// Length scale of the kernel, in standard deviations of the inputs: the distance over which values are correlated.
+    /// Length scale of the kernel: the distance over which values are correlated, in standard deviations of the inputs.
     length_scale: Option<f64>, unit "1",
         absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
-    /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
-    /// of the process. 0 removes the linear model.
+    /// Weight of the linear model: prior standard deviation of its coefficients for standardised inputs, divided by the
+    /// standard deviation of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
     /// Variance of the errors divided by the variance of the process.
     noise_ratio: Option<f64>, unit "1", absent "the most likely value", rule Rule::Positive;

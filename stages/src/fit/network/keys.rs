@@ -53,14 +53,13 @@ params! {
     /// Loss function: mean squared residual, mean absolute residual, or Huber loss.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
     /// Residual at which the Huber loss changes from quadratic to linear, divided by the scale of the target (the term
-    /// `target_scale` of the table).
+    /// `target_scale` in the table of the fit).
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Weight decay, as in AdamW: each step of Adam multiplies the weights by (1 - `weight_decay` × learning rate).
     weight_decay: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Fraction of the hidden units that each training step omits at random.
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
-    /// Strength of the sparse group lasso: a penalty on the weights of the first layer that makes the weights of
-    /// irrelevant inputs small.
+    /// Strength of the sparse group lasso, a penalty that reduces the weights of irrelevant inputs in the first layer.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Fraction of `group_lasso` that penalises the weights of each input as a group. The remaining fraction penalises
     /// each weight separately.
