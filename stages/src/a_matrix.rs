@@ -13,13 +13,13 @@ use crate::columns::{data, even_rate_hz, faults_of, floats, list, no_truth, shap
 stage! {
     /// Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list column `tl`.
     ///
-    /// B is the reading of the vector magnetometer, Bt is its magnitude or `scalar`, dB is the central difference of B
-    /// per sample, and s is `bt_scale_nt`. The terms are permanent (B_i/Bt), induced (B_i B_j/(Bt s)), eddy (B_i
-    /// dB_j/(Bt s)), derivative (dB_i) and bias (1).
+    /// B is the reading of the vector magnetometer, and dB its central difference per sample. Bt is the magnitude of B,
+    /// or the reading of `scalar` if set. s is `bt_scale_nt`. The terms are permanent (B_i/Bt), induced (B_i B_j/(Bt
+    /// s)), eddy (B_i dB_j/(Bt s)), derivative (dB_i) and bias (1).
     ///
-    /// The column's metadata list the terms (`terms`) and the terms that are differences (`per_sample`). `rate_hz`
-    /// holds the sample rate if `resample` set it. `fit` writes this rate to its table, and stages that apply a model
-    /// convert its coefficients to the rate of their input.
+    /// The column's metadata list the terms (`terms`) and the terms that are differences (`per_sample`). They also hold
+    /// the sample rate (`rate_hz`) if a `resample` stage set it. `fit` writes this rate to its table, and stages that
+    /// apply a model convert its coefficients to the rate of their input.
     ///
     /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector
     /// reading gives a row of NaN. Terms that are differences require evenly spaced samples; lines with uneven samples
@@ -37,14 +37,14 @@ vector = "flux_a"
 "#;
     /// Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
-    /// Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`), `derivative`,
-    /// `bias`.
+    /// Groups of terms: `permanent`, `induced`, `eddy`, `derivative`, `bias`. `induced5` and `eddy8` omit zz and
+    /// zz_dot; `induced3` and `eddy3` contain only the diagonal terms.
     terms: Vec<String>, unit "", default ["permanent", "induced", "eddy"].map(String::from);
     /// Scalar magnetometer whose reading replaces Bt. This gives the modified Tolles-Lawson model.
     scalar: Option<String>, unit "", absent "the magnitude of `vector`";
     /// Scale s of the induced and eddy terms. A value near the total field gives all terms similar magnitudes.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Allows truth columns.
+    /// Allows truth columns as inputs.
     allow_truth: bool, unit "", default false;
 }
 

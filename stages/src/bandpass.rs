@@ -15,10 +15,10 @@ stage! {
     /// A Butterworth filter of second-order sections runs forwards and backwards over each line. It uses odd reflection
     /// at the ends and steady-state initial conditions. Each of the two passes halves the power at a corner frequency.
     ///
-    /// A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps stay NaN and do not
-    /// spread. A run that is not longer than the filter's padding becomes NaN. The padding is 6 samples per
-    /// second-order section: 24 samples for the default order. A line is rejected if all its runs are too short.
-    /// Samples must be evenly spaced.
+    /// A run is a stretch of samples without a missing value (NaN) or a gap in time. The filter restarts at each run.
+    /// Missing values stay NaN and do not spread. A run that is not longer than the filter's padding becomes NaN. The
+    /// padding is 6 samples per second-order section: 24 samples for the default order. A line is rejected if all its
+    /// runs are too short. Samples must be evenly spaced.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are
     /// taken from Gnadt 2022, section 3.1.2.

@@ -40,22 +40,24 @@ stage! {
     /// The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal of the diurnal
     /// variation.
     ///
-    /// A model fitted to band-passed data does not determine the constant part of the aircraft field. `detrend` leaves
-    /// the mean of the prediction over the line in the signal, as MagNav.jl's examples do.
+    /// A model fitted to band-passed data does not determine the constant part of the aircraft field. With `detrend`,
+    /// the mean of the prediction over the line is not subtracted, as in MagNav.jl's examples. A nonlinear model
+    /// predicts the constant part if its target includes that part.
     ///
     /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated from the residual of
-    /// the model on its calibration lines. They are equal for all samples. `navigate` uses them for noise parameters
-    /// that are set to `"auto"`.
+    /// the model on its calibration lines. Their values are the same for all samples. `navigate` uses them for noise
+    /// parameters that are set to `"auto"`.
     ///
-    /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
-    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes that part.
+    /// `mag_aircraft_sigma` is the standard deviation of the prediction. Ensembles of networks and `random_features`
+    /// provide it; for other models it is null.
     ///
     /// `parts` appends the parts of the prediction in nT, before `detrend` and before `igrf` and `diurnal` are added.
     /// `part_linear` is the prediction of the linear terms alone. It is the whole prediction of a linear model, and 0
     /// for `m1`, `m2a`, trees and random features. `part_network` is the remaining prediction, from the network and
-    /// constants. For the model 3 family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson
-    /// terms along the axes of the vector magnetometer. `part_network_x` to `part_network_z` is the vector that the
-    /// network predicts; it is 0 except for `m3v` and `m3vc`. These vectors are null for other models.
+    /// constants. For the models `m3tl` to `m3tf`, `part_permanent_x` to `part_eddy_z` are the permanent, induced and
+    /// eddy-current vectors along the axes of the vector magnetometer. `part_network_x` to `part_network_z` are the
+    /// components of the vector that the network predicts. They are 0 except for `m3v` and `m3vc`. For other models,
+    /// all vectors are null.
     ///
     /// Source: Gnadt 2022, (3.22).
     Compensate = "compensate", version 4, grain Line, role Compensates, inputs [input: Lines, model: Model],
@@ -75,11 +77,11 @@ mag   = "mag_4_uc"
     /// Terms of the model that are not part of the aircraft field and are not subtracted, such as `easting` and
     /// `northing`.
     without: Vec<String>, unit "", default Vec::<String>::new();
-    /// Leaves the mean of the predicted aircraft field in the signal.
+    /// Subtracts the predicted aircraft field without its mean over the line.
     detrend: bool, unit "", default false;
     /// Appends the parts of the prediction.
     parts: bool, unit "", default false;
-    /// Allows truth columns.
+    /// Allows truth columns as inputs.
     allow_truth: bool, unit "", default false;
 }
 

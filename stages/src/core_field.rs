@@ -45,7 +45,7 @@ decimal_year = 2020.5
     column: String, unit "", default "igrf";
     /// Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the INS position.
     position: PositionSource, unit "", default PositionSource::Truth;
-    /// Attitude that rotates the field into the body frame.
+    /// Attitude that rotates the field into the body frame. With `none`, the body components are omitted.
     attitude: Option<AttitudeSource>, unit "",
         absent "the attitude of the INS if present, otherwise the true attitude if present";
     /// Date of all samples, instead of the flight's date.

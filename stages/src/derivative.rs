@@ -15,10 +15,10 @@ use crate::columns::{array, even_rate_hz, floats, is_angle, made_of_each, not_nu
 stage! {
     /// Appends the rate of change per second of each column as `<column>_dot`.
     ///
-    /// `central` is the central difference divided by the time between samples, one-sided at the ends of a run.
-    /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less than
-    /// `central`. White noise with a standard deviation of 1 becomes 0.32 per sample with the default window and
-    /// degree, compared with 0.71.
+    /// `central` is the central difference divided by the time between samples. At the ends of a run, the difference is
+    /// one-sided. `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less
+    /// than `central`. For white noise with a standard deviation of 1, the standard deviation of the slope is 0.32 per
+    /// sample with the default window and degree. With `central` it is 0.71.
     ///
     /// Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in time ends a run. A run
     /// that is too short for the method gives NaN. Samples must be evenly spaced. The unit is the column's unit per

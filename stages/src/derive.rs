@@ -20,10 +20,10 @@ stage! {
     ///
     /// Expressions may use the DataFusion functions that depend only on the row. Clocks, random numbers and other rows
     /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with a missing value gives a
-    /// missing value, and a comparison with one is unknown. `coalesce` and `is null` detect missing values. An infinite
-    /// result, such as 1/0, becomes a missing value. A line fails if SQL rejects a value, such as the square root of a
-    /// negative number. Division gives a real number, even for two integers. `greatest` and `least` return a missing
-    /// value if any argument is missing.
+    /// missing value, and a comparison with a missing value is unknown. `coalesce` and `is null` detect missing values.
+    /// An infinite result, such as 1/0, becomes a missing value. A line fails if SQL rejects a value, such as the
+    /// square root of a negative number. Division gives a real number, even for two integers. `greatest` and `least`
+    /// return a missing value if any argument is missing.
     ///
     /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
     /// of equal units. Otherwise set it in `units`. Sums and comparisons of columns with different units are rejected.
@@ -44,8 +44,8 @@ units   = { heading = "deg" }
 "#;
     /// SQL expression of each new column, by column name.
     columns: BTreeMap<String, String>, unit "";
-    /// Unit of each new column, by column name. Required where the unit cannot be inferred, and where a multiplication
-    /// converts it, as `alt * 3.28084` converts metres to feet.
+    /// Unit of each new column, by column name. Required if the unit cannot be inferred, or if a multiplication
+    /// converts the unit, as in `alt * 3.28084` for metres to feet.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
 }
 

@@ -17,15 +17,17 @@ stage! {
     ///
     /// `hampel` removes a sample that differs from the median of `window` samples by more than `threshold` standard
     /// deviations of the noise. It detects several adjacent spikes, up to half of the window. It does not require
-    /// evenly spaced samples, so use it before `resample`, which would spread a spike.
+    /// evenly spaced samples. Use it before `resample`, which would spread a spike to neighbouring samples.
     ///
     /// `fourth_difference` removes a sample whose fourth difference, divided by the square root of 70, exceeds
-    /// `threshold` standard deviations of the noise. It detects small spikes on steep signals, but not two adjacent
-    /// ones. It requires evenly spaced samples.
+    /// `threshold` standard deviations of the noise. The divisor is the factor by which a fourth difference amplifies
+    /// white noise. The method detects small spikes on steep signals, but not two adjacent spikes. It requires evenly
+    /// spaced samples.
     ///
-    /// The noise is 1.4826 times the median absolute deviation, but at least one quantisation step. If more than half
-    /// of the samples in a run hold repeated or interpolated values, the noise is estimated from the remaining samples.
-    /// Steps and corners are then not flagged as spikes. Spikes in an otherwise constant run are kept.
+    /// The standard deviation of the noise is estimated as 1.4826 times the median absolute deviation, but at least one
+    /// quantisation step. If more than half of the samples in a run hold repeated or interpolated values, the noise is
+    /// estimated from the remaining samples. Steps and corners are then not flagged as spikes. Spikes in an otherwise
+    /// constant run are kept.
     ///
     /// A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end of a run it always
     /// becomes NaN. A missing value or a gap in time ends a run. A column in which more than a tenth of the samples are

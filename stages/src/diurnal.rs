@@ -25,16 +25,16 @@ stage! {
     /// Appends `diurnal`, the variation of the external field: the record of an observatory or base station at the time
     /// of each sample, minus the level of the record. An existing column of that name is replaced.
     ///
-    /// A record is a table of flight lines. In this table, each station is stored as a flight and each day as a line.
-    /// It has the columns `year`, `doy` and `tt`, and the column that `element` names. IAGA-2002 and IMF files are read
-    /// in this form; their total field is the column `field_f`. If a record has no scalar magnetometer, compute the
+    /// A record is a table of flight lines, with each station stored as a flight and each day as a line. The table has
+    /// the columns `year`, `doy` and `tt`, and the column that `element` names. IAGA-2002 and IMF files are read in
+    /// this form; their total field is the column `field_f`. If a record has no scalar magnetometer, compute the
     /// magnitude of `field_n`, `field_e` and `field_d` with `derive`. Every line can use all days of a record, so a
     /// line may cross midnight.
     ///
     /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
-    /// `max_gap_s`. A line without any value is rejected, and so is a line without a date. Several stations, in one or
-    /// more tables, are averaged at each sample with weights 1/distance^`power`. The result is NaN for a sample at
-    /// which any station has no value.
+    /// `max_gap_s`. A line is rejected if it has no date, or if the record covers none of its samples. Several
+    /// stations, in one or more tables, are averaged at each sample with weights 1/distance^`power`. The result is NaN
+    /// for a sample at which any station has no value.
     ///
     /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
     /// mean of the whole record, or its mean over the duration of the line. `level_nt` sets the level explicitly, for

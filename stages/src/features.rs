@@ -24,7 +24,8 @@ use crate::{
 };
 
 stage! {
-    /// Appends the list column `features`, computed from columns as defined in the theses under 'Source'.
+    /// Appends the list column `features`. Its entries are computed from other columns, as defined in the theses under
+    /// 'Source'.
     /// | feature | definition |
     /// |---|---|
     /// | any column | the column itself |
@@ -35,16 +36,18 @@ stage! {
     /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines of the rotation from north-east-down to body, column by column |
     /// | `crcy`, ... `srsp` | products of the cosines (c) and sines (s) of roll (r), pitch (p) and yaw (y) |
     /// | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
-    /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
+    /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, as set by `groups` |
     /// | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
     /// | `slope`, `slope_quadratic` | easting and northing (km); `slope_quadratic` adds their squares and product |
     ///
-    /// Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt
-    /// 2022, section 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
+    /// The core-field model uses the computed core field instead of the measured field in its induced and eddy terms
+    /// (van der Meer 2025). Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and
+    /// `small_2` (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the vector magnetometer
+    /// `vector`.
     ///
-    /// Differences and lags are per sample. The column's metadata entry `per_sample` lists them, and `rate_hz` holds
-    /// the sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
-    /// rejects the lags. A column of the table, such as one made by `derivative`, is used unchanged at any rate.
+    /// Differences and lags are per sample. The column's metadata list them (`per_sample`), and hold the sample rate
+    /// (`rate_hz`) if a `resample` stage set it. A stage that applies a model at another rate converts the differences
+    /// and rejects the lags. A column of the table, such as one made by `derivative`, is used unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.

@@ -74,36 +74,35 @@ stage! {
     /// Fits a compensation model to all lines that `where` selects, as one data set.
     ///
     /// The same zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
-    /// samples are removed at each end of every run. The model is fitted to the remaining samples. Each model below has
-    /// its own keys; a key of another model is rejected.
+    /// samples are removed at each end of every run of consecutive samples. The model is fitted to the remaining
+    /// samples. Each model below has its own keys; a key of another model is rejected.
     ///
     /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The `features` stage computes all other
     /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` stage between them.
     /// The target of the second fit is `mag_c`.
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
-    /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
-    /// samples are not predicted from their neighbours. If a whole flight is omitted, its samples are not predicted
-    /// from effects that last for a whole flight, such as a magnetisation or a temperature. The score of an omitted
+    /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, the model
+    /// was not fitted to neighbours of the predicted samples. If a whole flight is omitted, the model also cannot
+    /// benefit from effects that last for a flight, such as a magnetisation or a temperature. The score of an omitted
     /// line is the variance (with divisor n) of the prediction error. The mean of the prediction error is ignored,
-    /// because a filter removes constants and compensation does not determine them. All lines have equal weight. The
-    /// selected value is in the column `chosen`.
+    /// because compensation does not determine constants. All lines have equal weight. The selected value is in the
+    /// column `chosen`.
     ///
     /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which is used for
-    /// all lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
-    /// condition number. Coefficients are in the units of the columns, independent of the scaling. The intercept is the
-    /// term `intercept`.
+    /// all values of `lambda`, numbers of components and omitted lines. Normal equations are not used, because they
+    /// square the condition number. Coefficients apply to the unscaled columns, even if `scaling` is set. The fitted
+    /// constant is the term `intercept`.
     ///
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
-    /// terms in frequency bands, because the filter and coloured noise correlate the samples. It includes the effect of
-    /// a residual that drifts from the first to the last sample. The intercept's `std` excludes the effect of such a
-    /// drift on the mean. `std` is null for models other than ridge models. It is also null for fits with 96 or more
-    /// terms; a note reports this.
+    /// terms, because the filter and coloured noise correlate the samples. It includes the effect of a residual that
+    /// drifts over a run. The `std` of the intercept is an exception: it excludes this effect. `std` is null for models
+    /// other than ridge models. It is also null for fits with 96 or more terms; a note reports this.
     ///
     /// `rate_hz` is the rate of the first line. On lines with other rates, terms that are differences per sample, such
     /// as `xx_dot`, are converted to this rate. All coefficients are therefore valid at this rate. Lagged values cannot
-    /// be converted and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate
-    /// of that table.
+    /// be converted, so a line with another rate is rejected if a feature is a lagged value. Training that starts from
+    /// `warm_start` keeps the rate of that table.
     ///
     /// A filter removes the mean of the target, so the constant part of the aircraft field is not determined.
     ///
@@ -112,33 +111,34 @@ stage! {
     /// used rows, and `lines` lists the lines of the used rows.
     ///
     /// `condition` is the condition number of the filtered matrix; if it is large, individual coefficients are poorly
-    /// determined. With `lambda = 0`, terms that the flight does not excite cause an error that names them.
-    /// `trivial_share` is the fraction of the total field that the fit attributes to the aircraft. It is 1 for the
-    /// trivial solution of band-passed fits. `warning` describes problems of the fit and is otherwise empty. Lines that
-    /// failed in an earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate
-    /// is unsuitable for the filter, are omitted and listed in the table `failures`.
+    /// determined. With `lambda = 0`, the stage fails if the flight does not excite a term; the message names the term.
+    /// `trivial_share` is the fraction of the total field that the fit attributes to the aircraft. A value of 1 means
+    /// that a band-passed fit found the trivial solution: the whole total field is attributed to the aircraft.
+    /// `warning` describes problems of the fit and is otherwise empty. Lines that failed in an earlier stage, or that
+    /// lack a column, are omitted. Lines that are not evenly sampled, or whose rate is unsuitable for the filter, are
+    /// omitted and listed in the table `failures`.
     ///
-    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change in
-    /// magnitude by the projection of the aircraft field on the earth's field. The error is up to b^2/2 of the total
-    /// field, where b is the aircraft field divided by the earth's field. The bound is computed from the permanent and
-    /// induced coefficients for the worst attitude. It is null if the terms do not determine this bound, or if the
-    /// target is not a total field.
+    /// `approximation_bound` is an upper bound on the error of the linear model, nT. The linear model approximates the
+    /// change in the magnitude of the field by the projection of the aircraft field on the earth's field. Relative to
+    /// the total field, the error is at most b^2/2, where b is the aircraft field divided by the earth's field. The
+    /// bound is computed from the permanent and induced coefficients for the worst attitude. The bound is null if the
+    /// terms do not determine it, or if the target is not a total field.
     ///
-    /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
-    /// frequencies. They are the smallest white noise and first-order Gauss-Markov noise that together bound the Allan
-    /// variance of the unfiltered residual on the lines of the fit. From a residual of the total field, `igrf` and
-    /// `diurnal` are subtracted if present. Without `igrf`, the core field is computed at the INS positions and the
-    /// line's date. The crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height
-    /// is therefore overestimated. A time constant longer than the lines cannot be resolved. The columns are null if
-    /// the lines are shorter than 16 s.
+    /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` describe the noise of the unfiltered residual on
+    /// the lines of the fit. They are the parameters of white noise and of first-order Gauss-Markov noise. Together,
+    /// the two are the smallest noise whose Allan variance is nowhere below the Allan variance of the residual. If the
+    /// target is a total field, `igrf` and `diurnal` are first subtracted from the residual if present. Without `igrf`,
+    /// the core field is computed at the INS positions and the line's date. The crustal anomaly is unknown here and
+    /// counts as noise. For a calibration at low height, the noise is therefore overestimated. A time constant longer
+    /// than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
     ///
     /// `warm_start` names the table of another fit of the same kind of network: a table of this pipeline, or a
-    /// published table. Training starts from its weights instead of random weights, for example from the weights for an
-    /// aircraft with more flight data. Both fits must have the same inputs, layers, activation, linear terms and
-    /// members. Inputs and target are scaled as in the earlier network, because its weights depend on the scales. The
-    /// constant is fitted to the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients
-    /// of the earlier network. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
-    /// lines.
+    /// published table. Training starts from the weights in that table instead of random weights. The table may, for
+    /// example, be from an aircraft with more flight data. Both fits must have the same inputs, layers, activation,
+    /// linear terms and members. Inputs and target are scaled as in the earlier fit, because the weights depend on
+    /// these scales. The constant is fitted to the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from
+    /// the coefficients of the earlier fit. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are
+    /// fitted to the new lines.
     ///
     /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 for `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.
@@ -159,9 +159,9 @@ lambda = 0.025
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Entries of the lists in `features` to use, in this order. Each is given by its name or by a prefix. A prefix,
-    /// such as `TL_A_flux_a`, is the part of a name before a `_`; it selects all names that begin with it. A row must
-    /// be finite in all entries of the lists, selected or not. The matrix of all entries is factored only once, so a
+    /// Entries of the lists in `features` to use, in this order. A name selects one entry. A prefix such as
+    /// `TL_A_flux_a` selects all entries whose names begin with `TL_A_flux_a_`. A row is used only if all entries of
+    /// the lists are finite, including the unselected entries. The matrix of all entries is factored only once, so a
     /// sweep over `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
@@ -170,11 +170,12 @@ lambda = 0.025
     one_standard_error: bool, unit "", default false;
     /// Scaling of the columns before the penalty is applied. `standardise` divides by the standard deviation with
     /// divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor in partial least squares and whitened components.
-    /// Its `StandardScaler` uses the divisor n; the same ridge then requires `lambda` n / (n - 1).
+    /// Its `StandardScaler` uses the divisor n. Ridge regression in scikit-learn then requires the penalty `lambda` n /
+    /// (n - 1) for the same solution.
     scaling: Option<Divisor>, unit "", absent "the default of the model";
     /// Fits the model to whitened principal components of the features, instead of the features themselves. A value of
-    /// 1 or more is the number of components, a value below 1 the fraction of the variance. The table still holds
-    /// coefficients of the features.
+    /// 1 or more is the number of components. A value below 1 is the fraction of the variance that the components
+    /// explain. The table still holds coefficients of the features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
     /// Also fits a constant, without a penalty.
     intercept: Option<bool>, unit "", absent "true with `whiten`, otherwise the default of the model";

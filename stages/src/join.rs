@@ -26,7 +26,7 @@ stage! {
     /// after, if they are at most `tolerance_s` apart. It interpolates angles (unit deg) along the shorter arc. Text,
     /// integers and booleans take the nearest value, and whole numbers without a unit stay whole, as in `resample`.
     /// Without a matching row the value is missing (NaN or null). If both tables have a date, their times are converted
-    /// to a common midnight.
+    /// to seconds past the same midnight.
     ///
     /// A line that is absent from `with` is omitted without a message, here and in later stages. A column that is also
     /// in `input` is rejected, unless `suffix` renames it. Repeated or decreasing times are rejected.

@@ -24,10 +24,10 @@ stage! {
     ///
     /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both columns must
     /// measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer
-    /// and a scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat
+    /// and a scalar magnetometer, or the turn rate and the derivative of a heading. Slow variations flatten the
     /// correlation peak, so remove them with `low_hz` or with a `derivative` stage before this one. Samples must be
-    /// evenly spaced. Resample sensors with different rates to one grid with `resample`, at their highest rate or
-    /// above.
+    /// evenly spaced. If the sensors have different rates, first resample them to the same times, at their highest rate
+    /// or above.
     ///
     /// `sd_s` is the standard error of the lag if the difference between the two signals is white noise. For correlated
     /// noise, `sd_s` is too small. `correlation` is the correlation coefficient at the peak. `next_peak` is the height
@@ -50,7 +50,7 @@ low_hz    = 0.05
     columns: Vec<String>, unit "";
     /// Column relative to which the lags are measured.
     reference: String, unit "";
-    /// Largest lag, in either direction.
+    /// Largest lag of the search, in either direction.
     most_s: f64, unit "s", default 2.0, rule Rule::Positive;
     /// Also accepts a negative correlation, for columns with opposite signs.
     either_sign: bool, unit "", default false;

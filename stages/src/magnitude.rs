@@ -21,7 +21,7 @@ vector = "flux_a"
 "#;
     /// Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
-    /// Allows truth columns.
+    /// Allows truth columns as inputs.
     allow_truth: bool, unit "", default false;
 }
 

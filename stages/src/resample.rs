@@ -20,31 +20,33 @@ stage! {
     /// Resamples every column of a line to evenly spaced times: the whole multiples of 1/`rate_hz`.
     ///
     /// Numbers are interpolated; angles (unit deg) are interpolated along the shorter arc. Text, booleans and columns
-    /// of integer type take the value of the nearest sample. Other whole numbers without a unit stay whole: codes and
-    /// flags, which have few distinct values, take the value of the nearest sample, and counts are interpolated and
-    /// rounded. A column with a unit, or with the role sensor or truth, is a measured quantity. It is interpolated even
-    /// if its values are whole. State the unit of a measured column in `units` of its table.
+    /// of integer type take the value of the nearest sample. Other columns of whole numbers without a unit stay whole.
+    /// A column with few distinct values holds codes or flags, and takes the value of the nearest sample. A column with
+    /// many distinct values holds counts, which are interpolated and rounded. A column with a unit, or with the role
+    /// sensor or truth, is a measured quantity. It is interpolated even if its values are whole. To have a column
+    /// treated as measured, set its unit in `units` of its table.
     ///
-    /// The grid begins at the first multiple at or after the first sample, and ends at the last multiple at or before
-    /// the last sample. All sensors and lines of a flight therefore share their times.
+    /// The new times begin at the first multiple at or after the first sample. They end at the last multiple at or
+    /// before the last sample. Sensors that are resampled separately therefore have the same times.
     ///
     /// Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column except `flight`, `line`
     /// and `tt`. A missing value counts as a gap in its column. If a line lacks a column that other lines have, the
     /// column's values are missing on that whole line. Repeated or decreasing times are rejected.
     ///
     /// `input` can list several tables of sensors with different sample rates, as in `input = ["mag", "imu", "gps"]`. A
-    /// line combines the rows of the same flight and line in all tables. Their columns are resampled to one grid. The
-    /// grid covers the time common to all tables, or the time of the first table (`span`). If several tables have a
-    /// date, their times are converted to a common midnight. A column name that occurs in two tables is rejected,
-    /// except `year` and `doy`, which are read from the first table that has them. A line whose tables have no common
-    /// time is rejected.
+    /// line combines the rows of the same flight and line in all tables. The columns of all tables are resampled to the
+    /// same times. `span` selects whether these times cover the time common to all tables, or the time of the first
+    /// table. If several tables have a date, their times are converted to seconds past the same midnight. A column name
+    /// that occurs in two tables is rejected, except `year` and `doy`, which are read from the first table that has
+    /// them. A line whose tables have no common time is rejected.
     ///
     /// `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading stamped t was measured at
     /// t - 0.06 s. The resampled value at t is therefore the reading stamped t + 0.06 s. The `lag` stage estimates lags
     /// with this sign.
     ///
-    /// List entries that are differences per sample, such as some terms of `tl`, are converted to the new rate. A list
-    /// with values of earlier samples is rejected: compute it after resampling. A lag cannot be removed twice.
+    /// Some entries of list columns are differences per sample, such as the eddy terms of `tl`. They are converted to
+    /// the new rate. A list with values of earlier samples is rejected: compute it after resampling. The stage also
+    /// rejects a second removal of the lag of a column.
     ///
     /// The stage does not filter: at a lower rate, frequencies above half the new rate are aliased. Apply `lowpass` or
     /// `bandpass` first.
@@ -56,16 +58,17 @@ stage   = "resample"
 input   = "flights"
 rate_hz = 10.0
 "#;
-    /// Sample rate of the new grid.
+    /// New sample rate.
     rate_hz: f64, unit "Hz", rule Rule::Positive;
     /// Interpolation between samples; `cubic` is Akima's.
     method: SampleInterpolation, unit "", default SampleInterpolation::Linear;
     /// Longest gap over which values are interpolated: one value for all inputs, or one value per input.
     max_gap_s: Vec<f64>, unit "s", default vec![1.0], rule Rule::Positive;
-    /// Time span of the grid, for several inputs.
+    /// For several inputs: time that the line covers after resampling. `all` is the time common to all inputs, `first`
+    /// the time of the first input.
     span: GridSpan, unit "", default GridSpan::All;
     /// Lag of each column, by column name. The name of a vector magnetometer, such as `flux_a`, sets the lag of its
-    /// `x`, `y`, `z` and `t`. This lag overrides the lag of the column's input.
+    /// `x`, `y`, `z` and `t`. `lag_s` overrides `input_lag_s`.
     lag_s: BTreeMap<String, f64>, unit "s", default BTreeMap::new(), rule Rule::Finite;
     /// Lag of each input's sensors, one value per input.
     input_lag_s: Option<Vec<f64>>, unit "s", absent "0 for all", rule Rule::Finite;

@@ -22,7 +22,7 @@ stage! {
     /// and `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` if the heading is missing.
     ///
     /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaw manoeuvres
-    /// of a calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. Manoeuvres
+    /// of a calibration are not turns. A part shorter than `least_s` between two turns is counted as a turn. Manoeuvres
     /// are detected within straight parts. In a manoeuvre, the root mean square of the band-passed columns of
     /// `attitude` (angles, or components of a vector magnetometer) over `window_s` exceeds `manoeuvre`. Examples are
     /// the pitch, roll and yaw manoeuvres of a calibration box. Boundaries are accurate to within one window length.

@@ -27,20 +27,20 @@ use crate::columns::{array, data, faults_of, floats, shape};
 stage! {
     /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The simulated INS data are added to the
     /// flight, or replace its INS data. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
-    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which
-    /// `navigate` reads like measured columns.
+    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`.
+    /// `navigate` reads these columns like measured columns.
     ///
-    /// The true position is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude (`roll`, `pitch`,
-    /// `yaw`) are used if all three columns of each exist. Missing velocities are derived from the positions, and
-    /// specific forces from the velocities. If the attitude is missing, the aircraft is assumed to be level, with the
-    /// yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
-    /// derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect of
-    /// smoothing, the INS data then contain only INS errors and no receiver jitter.
+    /// The true position is `lat`, `lon` and `alt`. The velocity is used if `vn`, `ve` and `vd` exist, and the attitude
+    /// if `roll`, `pitch` and `yaw` exist. Missing velocities are derived from the positions, and specific forces from
+    /// the velocities. If the attitude is missing, the aircraft is assumed to be level, with the yaw along the course.
+    /// Derivatives amplify the noise of a GNSS receiver, and the specific force is a second derivative. Positions and
+    /// velocities are therefore first smoothed over `smooth_s`. Apart from the effect of smoothing, the INS data then
+    /// contain only INS errors and no receiver noise.
     ///
-    /// Each line begins with a new alignment. Its errors are random, with the standard deviations of the `init_*` keys.
-    /// They depend only on `seed` and the names of flight and line. Lines with the same seed and names have the same
-    /// INS errors on every machine. Samples need not be evenly spaced. One seed gives one realisation; sweep `seed` for
-    /// the statistics of a grade.
+    /// Each line begins with a new alignment with random errors, whose standard deviations are the `init_*` keys. All
+    /// simulated errors depend only on `seed` and the names of flight and line. Lines with the same seed and names have
+    /// the same INS errors on every machine. Samples need not be evenly spaced. One seed gives one realisation; sweep
+    /// `seed` for the statistics of a grade.
     ///
     /// The stage rejects a NaN in position, velocity or attitude, times that do not increase, a line of one sample, and
     /// an INS error above 1,000 km. Existing INS data are rejected unless `replace = true`.

@@ -38,9 +38,9 @@ stage! {
     /// | `d` | magnetometer minus truth | the aircraft field |
     /// | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
     ///
-    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. To apply a
-    /// model of the anomaly, set `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
-    /// `map_value` computes.
+    /// Set `target` of `fit` to this column. For all types except `e`, also switch the filter of `fit` off with `low_hz
+    /// = 0` and `high_hz = 0`. To apply a model of the anomaly, set `predicts = "anomaly"` in `compensate`. Types `b`
+    /// and `c` require `map_anomaly`, which `map_value` computes.
     ///
     /// The column has the role truth: it may be a target but not a feature. The result is NaN for a sample with a
     /// missing term. The metadata entry `removed` lists the corrections, so that no later stage repeats them.

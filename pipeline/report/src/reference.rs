@@ -49,8 +49,9 @@ pub fn page(catalogue: &[StageEntry]) -> String {
     let of_model = ModelOptions::docs(&lists);
     let _ = write!(
         out,
-        "For a model that another pipeline fitted, `path` is the published table of its `fit`. The key `where` is an \
-         SQL condition on the columns of this table; it selects one of several models. Further keys:\n\n{}\n",
+        "For a model that another pipeline fitted, `path` is the published table of the `fit` stage. The key `where` \
+         is an SQL condition on the columns of this table. It selects one model if the table has several. Further \
+         keys:\n\n{}\n",
         params(&of_model.iter().collect::<Vec<_>>())
     );
     for entry in catalogue {

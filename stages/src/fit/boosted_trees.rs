@@ -19,16 +19,16 @@ const KEPT_EVERY_S: f64 = 1.0;
 const OVERFITS: f64 = 4.0;
 
 model! {
-    /// Gradient-boosted regression trees on the features, using 256-bin histograms and the squared loss. They accept
-    /// columns of any scale, require little tuning, and are a good baseline for networks. Their prediction is constant
-    /// outside the range of the training data, so it does not follow drifts or attitudes outside this range.
+    /// Gradient-boosted regression trees on the features, with 256-bin histograms and the squared loss. They accept
+    /// columns of any scale, require little tuning, and are a good baseline for networks. Outside the range of the
+    /// training data, the prediction is constant: it does not follow a drift or a new attitude.
     ///
     /// Source: Friedman 2001; Chen & Guestrin 2016; Ke et al. 2017. scikit-learn's `HistGradientBoostingRegressor`
     /// gives the same trees for columns with at most 256 distinct values.
     BoostedTrees = "boosted_trees", version 1, scaling None, intercept true, made of Samples, choose [Given], takes [],
     example "trees = 20";
-    /// Inputs of the trees: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;
-    /// it selects all names that begin with it.
+    /// Entries of `features` that are inputs of the trees. A name selects one entry; a prefix such as `TL_A_flux_a`
+    /// selects all entries whose names begin with `TL_A_flux_a_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
@@ -40,15 +40,15 @@ model! {
     depth: Option<usize>, unit "1", absent "limited by `leaves` only", rule Rule::Positive;
     /// Minimum number of samples per leaf.
     leaf_samples: usize, unit "samples", default 20usize, rule Rule::Positive;
-    /// L2 penalty, added to the number of samples in a leaf when the value of the leaf is computed. It shrinks the
-    /// values of small leaves.
+    /// L2 penalty on the values of the leaves. The value of a leaf is the sum of its residuals divided by (number of
+    /// samples + `leaf_l2`). The values of leaves with few samples are therefore reduced.
     leaf_l2: f64, unit "samples", default 0.0, rule Rule::NotNegative;
     /// Fraction of the samples used for each tree.
     subsample: f64, unit "1", default 1.0, rule Rule::Between(1e-3, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The number of trees with the
-    /// smallest validation loss is used.
+    /// Lines or flights that are used for validation instead of training. A line is given as `1003.08`, or with its
+    /// flight as `1003/1003.08`. The result has the number of trees with the smallest validation loss.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Training stops after this many trees without an improvement in the validation loss.
+    /// Number of trees without a smaller validation loss after which training stops.
     patience: Option<usize>, unit "1", absent "training builds all trees", rule Rule::Positive;
     /// Seed for the subsample of each tree.
     seed: usize, unit "", default 0usize;

@@ -8,7 +8,8 @@ use super::{
 };
 
 model! {
-    /// The model `tlnn` with the extended Tolles-Lawson model: by default all features are linear terms.
+    /// The model `tlnn` with the extended Tolles-Lawson model as its linear model. By default, all features are linear
+    /// terms.
     ///
     /// Source: van der Meer 2025, section 4.4.2 and Table 4.7.
     ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples,

@@ -6,8 +6,8 @@ use super::{
 };
 
 model! {
-    /// Ridge regression with standardised columns, under the name that van der Meer 2025 uses. Its features include
-    /// terms for electric currents and voltages, which `features` computes.
+    /// Ridge regression with standardised columns: the model `ridge` under the name in van der Meer 2025. The features
+    /// include terms for electric currents and voltages, which the `features` stage computes.
     ///
     /// Source: van der Meer 2025, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,

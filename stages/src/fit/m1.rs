@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network predicts the target from standardised inputs: N(x). It requires hours of data to outperform linear
-    /// models. It does not generalise to attitudes and electric currents outside its training data.
+    /// A network N predicts the target from standardised inputs x. The model requires hours of data to outperform
+    /// linear models. It does not generalise to attitudes and electric currents outside its training data.
     ///
     /// Source: Gnadt 2022, section 4.2, model 1; Gnadt, Wollaber & Nielsen 2022.
     M1 = "m1", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -9,14 +9,14 @@ use super::{
 };
 
 model! {
-    /// The network predicts the coefficients of the linear terms as functions of the inputs: a . N(x), where a is the
-    /// vector of unscaled terms. The ridge fit of the terms is used only by `physics`.
+    /// The network predicts the coefficients of the linear terms as functions of the inputs x. The prediction is a .
+    /// N(x), where a is the vector of unscaled terms. The ridge fit of the terms is used only with `physics`.
     ///
     /// Source: Gnadt 2022, section 4.3.
     M2a = "m2a", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
-    /// Weight, in the loss function, of the squared difference between the predictions of the network and of the linear
-    /// model. This difference is divided by the scale of the target.
+    /// Weight of an additional term of the loss function: the squared difference between the prediction and the ridge
+    /// fit of the linear terms. This difference is divided by the scale of the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

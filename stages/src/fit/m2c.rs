@@ -9,15 +9,15 @@ use super::{
 };
 
 model! {
-    /// The model `m2b` with trained coefficients: a . b + N(x). Training starts from the coefficients of the ridge fit.
-    /// During training the terms are centred and scaled, and decorrelated if `whiten` is set. The table holds the
-    /// coefficients of the original terms.
+    /// The model `m2b`, a . b + N(x), with coefficients b that are trained together with the network. Training starts
+    /// from the coefficients of the ridge fit. During training the terms are centred and scaled, and decorrelated if
+    /// `whiten` is set. The table holds the coefficients of the original terms.
     ///
     /// Source: Gnadt 2022, section 4.5; Gnadt, Wollaber & Nielsen 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
-    /// Weight, in the loss function, of the squared difference between the predictions of the network and of the linear
-    /// model. This difference is divided by the scale of the target.
+    /// Weight of an additional term of the loss function: the squared difference between the prediction and the ridge
+    /// fit of the linear terms. This difference is divided by the scale of the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

@@ -9,13 +9,14 @@ use super::{
 };
 
 model! {
-    /// The network predicts corrections to the ridge coefficients as functions of the inputs: a . (b + N(x)).
+    /// The network predicts corrections to the ridge coefficients b as functions of the inputs x. The prediction is a .
+    /// (b + N(x)), where a is the vector of terms.
     ///
     /// Source: Gnadt 2022, section 4.6; Gnadt, Wollaber & Nielsen 2022.
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
-    /// Weight, in the loss function, of the squared difference between the predictions of the network and of the linear
-    /// model. This difference is divided by the scale of the target.
+    /// Weight of an additional term of the loss function: the squared difference between the prediction and the ridge
+    /// fit of the linear terms. This difference is divided by the scale of the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

@@ -9,7 +9,7 @@ use super::{
 
 model! {
     /// The model `m3tl` plus a scalar correction from a network: f(v) + N(x). The coefficients are trained together
-    /// with the network, starting from the ridge fit. With `coupling = "projection"` the prediction equals the
+    /// with the network, and start from the ridge fit. With `coupling = "projection"`, the prediction equals the
     /// prediction of `m2c` with the same terms.
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_fwd`, model `m3s`.

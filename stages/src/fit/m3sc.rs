@@ -8,21 +8,23 @@ use super::{
 };
 
 model! {
-    /// The model `m3s`, trained in five phases: Tolles-Lawson first, on samples without large effects of other sources.
+    /// The model `m3s`, trained in five phases. The first three phases train only the Tolles-Lawson coefficients, on
+    /// samples that the ridge fit predicts well.
     ///
     /// | fraction of `epochs` | trained | prediction | samples |
     /// |---|---|---|---|
     /// | 0 to 0.1 | permanent coefficients | f(v) | near the mean |
-    /// | 0.1 to 0.2 | permanent and induced | f(v) | near the mean |
+    /// | 0.1 to 0.2 | permanent and induced coefficients | f(v) | near the mean |
     /// | 0.2 to 0.3 | all coefficients | f(v) | near the mean |
     /// | 0.3 to 0.6 | network | f(v) + N(x) | all |
     /// | 0.6 to 1 | coefficients and network | f(v) + N(x) | all |
     ///
-    /// A sample is near the mean if the error of the ridge fit differs from its mean by at most `curriculum_sigma`
-    /// standard deviations. The constant is trained in every phase. Adam restarts in each phase. `validation` selects
-    /// an epoch after the first 30 %. `whiten` applies to the inputs only.
+    /// A sample is near the mean if the ridge fit's error at the sample differs from the mean error by at most
+    /// `curriculum_sigma` standard deviations of the error. The constant is trained in every phase. Adam restarts in
+    /// each phase. `validation` selects an epoch after the first 30 % of the epochs. `whiten` applies to the inputs
+    /// only.
     ///
-    /// MagNav.jl compares the validation losses of all phases. If the smallest loss is in the first 30 %, the result
+    /// MagNav.jl selects an epoch from all phases. If it selects an epoch of the first three phases, the result
     /// contains the untrained network.
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_train` and `get_curriculum_ind`, model `m3sc`.

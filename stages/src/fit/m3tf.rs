@@ -9,16 +9,16 @@ use super::{
 };
 
 model! {
-    /// The model `m3s` with a transformer over a window that ends at the predicted sample: f(v) + N(x of the window).
-    /// With d = `units` and x the inputs of a sample, the samples are embedded as e = sqrt(d) (W x + b) + P, with a
-    /// trained position vector P for each sample in the window. Each head computes softmax(Q K' / sqrt(d / `heads`)) V
-    /// from the queries Q, keys K and values V of its part of e. One layer follows: n = LN(e + Wo A) with the results A
-    /// of all heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The vectors z of all samples
-    /// enter the dense layers of `hidden` (none by default), followed by a linear output.
+    /// The model `m3s` with a transformer over a window that ends at the predicted sample: f(v) + N(x of the window). A
+    /// sample with inputs x is embedded as e = sqrt(d) (W x + b) + P. Here d is `units`, and P is a trained vector for
+    /// each position in the window. Each attention head computes softmax(Q K' / sqrt(d / `heads`)) V, where Q, K and V
+    /// are its parts of the queries, keys and values of e. A is the concatenated output of all heads, and LN is layer
+    /// normalisation. The transformer layer computes n = LN(e + Wo A) and z = LN(n + activation(Wf n + bf)). The
+    /// vectors z of all samples enter the dense layers of `hidden` (none by default) and a linear output.
     ///
-    /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. By default
-    /// MagNav.jl applies a batch normalisation that it creates anew in every call. magline does not offer this
-    /// normalisation or `:prelayer`.
+    /// The window has no samples after the predicted sample, so the model is causal. `dropout` applies to z. By
+    /// default, MagNav.jl also applies a batch normalisation, which is untrained because every call creates a new one.
+    /// magline omits this normalisation and the option `:prelayer`.
     ///
     /// Source: Vaswani et al. 2017; MagNav.jl 1.3.3, `get_nn_m`, model `m3tf`.
     M3tf = "m3tf", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],

@@ -9,10 +9,10 @@ use super::{
 };
 
 model! {
-    /// The model `m3s` with a network whose inputs are taken from all samples of a window: f(v) + N(x of the window).
-    /// The window ends at the predicted sample. If a run is shorter than the window, its first sample replaces the
-    /// missing earlier samples. MagNav.jl also joins consecutive lines with similar inputs into one run. In magline,
-    /// runs end at gaps and at the end of the line.
+    /// The model `m3s` with a network that reads the inputs x of all samples of a window: f(v) + N(x of the window).
+    /// The window ends at the predicted sample. At the beginning of a run, the first sample replaces the missing
+    /// earlier samples. MagNav.jl also joins consecutive lines with similar inputs into one run. In magline, runs end
+    /// at gaps and at the end of the line.
     ///
     /// Source: MagNav.jl 1.3.3, `get_temporal_data` and `nn_comp_3_fwd`, model `m3w`.
     M3w = "m3w", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],

@@ -14,16 +14,16 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Partial least squares: ordinary least squares on the `components` combinations of the centred features that have
-    /// the largest covariance with the target. With `with_targets` the components are common to all targets.
+    /// Partial least squares: ordinary least squares on components, the linear combinations of the centred features
+    /// that have the largest covariance with the target. With `with_targets`, all targets have the same components.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// Number of components, or the maximum number if `choose` selects it. If the number of components equals the
-    /// number of terms, the result is ordinary least squares, and a warning is reported.
+    /// Number of components. If `choose` selects the number, this is the maximum. If the number of components equals
+    /// the number of terms, the result is ordinary least squares, and a warning is reported.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
-    /// Further columns that are fitted together with `target` and share its components. The table holds the
+    /// Further target columns that are fitted with the same components as `target`. The table holds only the
     /// coefficients of `target`.
     with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
 }

@@ -12,31 +12,31 @@ use super::{
 use crate::trained::{self, LearnedModel};
 
 model! {
-    /// A linear model plus a Gaussian process, both with standardised inputs. The process is approximated by random
-    /// Fourier features of a Gaussian kernel. The solution is a ridge regression with the most likely ridge parameter.
-    /// The model requires no iterative training and little tuning. The standard deviation of the prediction is larger
-    /// where training samples are rare. It includes only the uncertainty of the function, and is too small if errors
-    /// are correlated.
+    /// A linear model plus a Gaussian process, both with standardised inputs. Random Fourier features of a Gaussian
+    /// kernel approximate the process. The solution is a ridge regression whose ridge parameter maximises the
+    /// likelihood. The model requires no iterative training and little tuning. The standard deviation of the prediction
+    /// is larger where training samples are rare. It includes only the uncertainty of the function, and is too small if
+    /// errors are correlated.
     ///
     /// Source: Rahimi & Recht 2007; Rasmussen & Williams 2006, chapters 2 and 5.
     RandomFeatures = "random_features", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],
     takes [], example "random_features = 20";
-    /// Inputs of the model: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;
-    /// it selects all names that begin with it.
+    /// Entries of `features` that are inputs of the model. A name selects one entry; a prefix such as `TL_A_flux_a`
+    /// selects all entries whose names begin with `TL_A_flux_a_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of random features. More features approximate the Gaussian process better. Computing time is proportional
     /// to the square of this number.
     random_features: usize, unit "1", default 200usize, rule Rule::Between(2.0, 10_000.0);
-    /// Length scale of the kernel, in standard deviations of the inputs: the distance over which values are correlated.
+    /// Length scale of the kernel: the distance over which values are correlated, in standard deviations of the inputs.
     length_scale: Option<f64>, unit "1",
         absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
-    /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
-    /// of the process. 0 removes the linear model.
+    /// Weight of the linear model: prior standard deviation of its coefficients for standardised inputs, divided by the
+    /// standard deviation of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
     /// Variance of the errors divided by the variance of the process.
     noise_ratio: Option<f64>, unit "1", absent "the most likely value", rule Rule::Positive;
-    /// Stores the matrix factor from which the standard deviation of the prediction is computed. For n features, it
-    /// adds n² rows to the table of the fit.
+    /// Stores the matrix factor that `compensate` requires for the standard deviation of the prediction. For n random
+    /// features, the factor adds n² rows to the table of the fit.
     sigma: bool, unit "", default true;
     /// Seed of the random features.
     seed: usize, unit "", default 0usize;

@@ -14,13 +14,13 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients with the
-    /// ridge parameter `lambda`. Columns are divided by their standard deviations.
+    /// Recursive least squares with exponential `forgetting` of older rows. The recursion starts from zero coefficients
+    /// with the ridge parameter `lambda`. Columns are divided by their standard deviations.
     ///
     /// Forgotten information is replaced by a ridge penalty centred on the present coefficients. If the flight does not
     /// excite a direction for a long time, the coefficients therefore keep their values in this direction. The textbook
-    /// recursion also forgets its initial ridge penalty. With `forgetting = 1.0`, both recursions give the ridge
-    /// solution.
+    /// recursion, in contrast, also forgets the initial ridge penalty. With `forgetting = 1.0`, both recursions give
+    /// the ridge solution.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,

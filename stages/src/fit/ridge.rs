@@ -20,7 +20,8 @@ use crate::columns::data;
 const GRID: (usize, f64) = (81, 1e-12);
 
 model! {
-    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 with standardised columns.
+    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 with standardised columns, where y is the target, A the matrix of the
+    /// features and b the coefficients.
     Ridge = "ridge", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten],
     groups [penalty: RidgePenalty], example "lambda = 0.025";

@@ -35,7 +35,7 @@ choice! {
 
 model! {
     /// Minimises a loss that grows more slowly than the square of the residual, so that spikes have little influence.
-    /// Columns are not scaled. `threshold` applies to the loss `huber`, `degrees_of_freedom` to `student_t`.
+    /// Columns are not scaled. `threshold` is a parameter of the loss `huber`, and `degrees_of_freedom` of `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
     Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [],
@@ -44,8 +44,8 @@ model! {
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Loss function of a residual.
     loss: FitLossFunction, unit "", default FitLossFunction::Huber;
-    /// Estimator of the scale of the residuals: their median absolute deviation, or a joint estimate with the
-    /// coefficients.
+    /// Estimator of the scale of the residuals: their median absolute deviation (`mad`), or an estimate together with
+    /// the coefficients (`joint`).
     scale: FitScaleMethod, unit "", default FitScaleMethod::Mad;
     /// Residual at which Huber's loss changes from quadratic to linear, in units of the scale.
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;

@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network predicts the residual of the Tolles-Lawson model, as in `m2b`. It has one hidden layer of 11 units,
-    /// which the search in van der Meer 2025 selected.
+    /// A network predicts the residual of the Tolles-Lawson model, as in `m2b`. By default the network has one hidden
+    /// layer of 11 units, the result of the hyper-parameter search in van der Meer 2025.
     ///
     /// Source: van der Meer 2025, section 4.4.1 and Table 4.6.
     TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],

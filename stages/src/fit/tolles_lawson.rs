@@ -6,8 +6,9 @@ use super::{
 };
 
 model! {
-    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 with unscaled columns and without a constant. Its feature is `tl`,
-    /// which `a_matrix` computes. With `lambda = 0` it is ordinary least squares.
+    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 with unscaled columns and without a constant. Here y is the target, A
+    /// is the A-matrix and b are the coefficients. The feature is `tl`, which `a_matrix` computes. With `lambda = 0`
+    /// the fit is ordinary least squares.
     ///
     /// Source: Tolles and Lawson 1950; Leliak 1961; Gnadt 2022, (3.19) to (3.43).
     TollesLawson = "tolles_lawson", version 1, scaling None, intercept false, made of Moments,

@@ -20,7 +20,7 @@ model! {
     /// Source: Hansen 1987, "The truncated SVD as a method for regularization".
     TruncatedSvd = "truncated_svd", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// Number of components, or the maximum number if `choose` selects it.
+    /// Number of components. If `choose` selects the number, this is the maximum.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
 }
 

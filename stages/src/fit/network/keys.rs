@@ -30,14 +30,14 @@ choice! {
 params! {
     /// A network and its training.
     pub struct NetworkKeys;
-    /// Number of units in each hidden layer, for up to three layers.
+    /// Number of units in each hidden layer; at most three layers.
     hidden: Option<Vec<usize>>, unit "1",
-        absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`, the \
-                layers of that network", rule Rule::Between(1.0, 1000.0);
+        absent "`[8]`; for `tlnn` and `etlnn`, `[11]` as in van der Meer 2025; for `m3tf`, no hidden layers; with \
+                `warm_start`, the layers of the earlier network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
     activation: ActivationFunction, unit "", default ActivationFunction::Swish;
-    /// Inputs of the network: names of entries of `features`, or prefixes. A prefix is the part of a name before a `_`;
-    /// it selects all names that begin with it.
+    /// Entries of `features` that are inputs of the network. A name selects one entry; a prefix such as `TL_A_flux_a`
+    /// selects all entries whose names begin with `TL_A_flux_a_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of training epochs with Adam.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
@@ -47,29 +47,30 @@ params! {
     batch: usize, unit "samples", default 2048usize, rule Rule::Between(1.0, 1e7);
     /// Learning rate of Adam.
     learning_rate: f64, unit "1", default 0.001, rule Rule::Positive;
-    /// Learning-rate schedule.
+    /// Learning-rate schedule. `cosine` falls to 1 % of `learning_rate`. `plateau` halves the rate after ten epochs
+    /// without a smaller validation loss.
     schedule: LearningSchedule, unit "", default LearningSchedule::Constant;
-    /// Loss function.
+    /// Loss function: mean squared residual, mean absolute residual, or Huber loss.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
-    /// Residual at which the Huber loss becomes linear, in units of the target's scale.
+    /// Residual at which the Huber loss changes from quadratic to linear, divided by the scale of the target (the term
+    /// `target_scale` in the table of the fit).
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Weight decay (AdamW): each step of Adam multiplies the weights by 1 minus the product of this value and the
-    /// learning rate.
+    /// Weight decay, as in AdamW: each step of Adam multiplies the weights by (1 - `weight_decay` × learning rate).
     weight_decay: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Fraction of the hidden units that each training step omits at random.
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
-    /// Strength of the sparse group lasso on the weights of each input.
+    /// Strength of the sparse group lasso, a penalty that reduces the weights of irrelevant inputs in the first layer.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the lasso penalty that is applied to the weights of each input as a group. The remaining fraction is
-    /// applied to individual weights.
+    /// Fraction of `group_lasso` that penalises the weights of each input as a group. The remaining fraction penalises
+    /// each weight separately.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with the smallest
-    /// validation loss is used.
+    /// Lines or flights that are used for validation instead of training. A line is given as `1003.08`, or with its
+    /// flight as `1003/1003.08`. The result has the weights of the epoch with the smallest validation loss.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Training stops after this many epochs without an improvement in the validation loss.
+    /// Number of epochs without a smaller validation loss after which training stops.
     patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
-    /// Number of networks that start from different initial weights and whose predictions are averaged. The spread of
-    /// their predictions gives `mag_aircraft_sigma` of `compensate`.
+    /// Number of networks in the ensemble. The networks start from different weights, and their predictions are
+    /// averaged. The spread of the predictions gives `mag_aircraft_sigma` of `compensate`.
     members: usize, unit "1", default 1usize, rule Rule::Between(1.0, 100.0);
     /// Seed for the initial weights, the order of the batches, and dropout.
     seed: usize, unit "", default 0usize;

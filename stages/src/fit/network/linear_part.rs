@@ -12,16 +12,16 @@ use crate::{bandpass::design, columns::data, fit::samples::FitSamples};
 params! {
     /// Linear model combined with a network: a ridge fit to band-passed terms, as in `tolles_lawson`.
     pub struct LinearPart;
-    /// Terms of the linear model: names of entries of `features`, or prefixes. A prefix is the part of a name before a
-    /// `_`; it selects all names that begin with it.
+    /// Entries of `features` that are terms of the linear model. A name selects one entry; a prefix such as
+    /// `TL_A_flux_a` selects all entries whose names begin with `TL_A_flux_a_`. Other features can only be inputs of
+    /// the network.
     linear: Option<Vec<String>>, unit "", absent "for `etlnn`, all features; for other models, the Tolles-Lawson \
-        terms in `features` or, if there are none, the terms of the core-field model. Other features, such as slopes \
-        or terms of the extended model, are inputs of the network only";
-    /// Ridge parameter.
+        terms in `features` or, if there are none, the terms of the core-field model";
+    /// Ridge parameter of the linear model.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// Lower corner frequency of the filter for the linear fit. With 0 the filter has no lower corner.
+    /// Lower corner frequency of the filter for the ridge fit. With 0 the filter has no lower corner.
     linear_low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// Upper corner frequency of the filter for the linear fit. With 0 the filter has no upper corner.
+    /// Upper corner frequency of the filter for the ridge fit. With 0 the filter has no upper corner.
     linear_high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
 }
 

@@ -9,17 +9,18 @@ use crate::fit::samples::FitSamples;
 params! {
     /// Vector form of Tolles-Lawson.
     pub struct VectorModelKeys;
-    /// Method that computes the scalar aircraft field from its vector.
+    /// Function f(v) that computes the scalar aircraft field from its vector v; see the table of `m3tl`.
     coupling: FieldCoupling, unit "", default FieldCoupling::Magnitude;
-    /// Value of `bt_scale_nt` in the stage that computes the terms, for `coupling = "magnitude"`.
+    /// For `coupling = "magnitude"`: scale of the Tolles-Lawson terms, equal to `bt_scale_nt` of the stage that
+    /// computes them.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
 }
 
 params! {
     /// Curriculum of a training.
     pub struct CurriculumKeys;
-    /// Limit that selects the samples of the first phases: largest deviation of the ridge fit's error from its mean, in
-    /// standard deviations of this error.
+    /// Limit for the samples of the first three phases: maximum deviation of the ridge fit's error from the mean error,
+    /// in standard deviations of the error.
     curriculum_sigma: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 

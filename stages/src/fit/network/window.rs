@@ -6,7 +6,8 @@ use schemas::{Fault, Rule, params};
 params! {
     /// Window of samples.
     pub struct WindowKeys;
-    /// Number of samples in a window, ending at the predicted sample. Future samples are not used.
+    /// Number of samples in a window; for `tcn`, a power of two. The window ends at the predicted sample, so future
+    /// samples are not used.
     window: usize, unit "samples", default 16usize, rule Rule::Between(2.0, 4096.0);
     /// Number of features computed from the window.
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
