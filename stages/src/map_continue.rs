@@ -55,11 +55,11 @@ to_m  = 400.0
 "#;
     /// Height above the WGS-84 ellipsoid to which the map is continued.
     to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
-    /// Returns a derivative in nT/m (`up2`: nT/m2) instead of the field.
+    /// Derivative that is returned instead of the field, in nT/m (`up2`: second vertical derivative, in nT/m2).
     derivative: Option<DerivativeDirection>, unit "", absent "the field itself";
     /// Damping of downward continuation. `auto` uses the corner of the L-curve.
     alpha_m2: NumberOrAuto, unit "m2", default NumberOrAuto::Auto, rule Rule::NotNegative;
-    /// Keeps values at nodes where the input map has none.
+    /// Keeps the result at nodes that are unknown in the input map.
     keep_filled: bool, unit "", default false;
 }
 

@@ -27,12 +27,13 @@ stage! {
     /// any filter.
     ///
     /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the square root of the
-    /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an
-    /// unbiased filter that has exact knowledge of its motion within the window but no earlier position. It assumes
-    /// independent sample errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and
-    /// of the temporal variation are correlated. In this case, multiply `sigma_nt` by the square root of the number of
-    /// correlated samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an
-    /// unknown constant. `map_position_bound` of `score` is this bound over the whole line.
+    /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. The bound holds for an
+    /// unbiased filter that has exact knowledge of its motion within the window but no earlier position. The bound
+    /// assumes independent sample errors with standard deviation `sigma_nt`. At ten samples per second, however, errors
+    /// of the map and of the temporal variation are correlated. In this case, multiply `sigma_nt` by the square root of
+    /// the number of samples within the correlation time. `unknown_constant` subtracts the mean slope, which gives the
+    /// bound for a measurement with an unknown constant. `map_position_bound` of `score` is the bound with an unknown
+    /// constant over the whole line.
     ///
     /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
     /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
@@ -51,7 +52,7 @@ map      = "anomaly"
 window_s = 20.0
 "#;
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
-    /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
+    /// computed at the true position have the role truth; a model can use them as features only with `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Standard deviation of the error of each sample, including errors of the sensor, the map and the compensation.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;

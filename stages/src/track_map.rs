@@ -28,7 +28,7 @@ use crate::{
 
 stage! {
     /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
-    /// regression. `sd` is the standard deviation of each node.
+    /// regression. `sd` is the standard deviation of the map error at each node.
     ///
     /// Use `track_map` to plot and score an anomaly that was measured without a map, and to navigate on it. `track` is
     /// the table of a `navigate` stage, for example with the filter `slam`. Its `lat`, `lon` and `alt` are the
@@ -37,14 +37,14 @@ stage! {
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// number of equations therefore does not depend on the length of the flight. Each line may have its own constant,
-    /// and each flight its own temporal variation. The kernel is the same as in `slam`, fitted by maximum likelihood to
-    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
-    /// noise.
+    /// and each flight its own temporal variation. The kernel (covariance function) is the same as in `slam`. Its
+    /// hyper-parameters are fitted by maximum likelihood to segments of the lines. The map is at the mean height of the
+    /// measurements; height differences are treated as noise.
     ///
-    /// The effect of the track's position covariance (`sd_n`, `sd_e`, `cov_ne`) on a sloping map counts as measurement
-    /// noise and is included in `sd`. An error common to the whole track shifts the map. The measurements do not reveal
-    /// it, so `sd` is only as accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are
-    /// unknown.
+    /// On a sloping map, a position error of the track causes an error of the field. This error is computed from the
+    /// track's covariance (`sd_n`, `sd_e`, `cov_ne`), treated as measurement noise, and included in `sd`. A position
+    /// error common to the whole track shifts the map. The measurements do not reveal this shift, so `sd` is only as
+    /// accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
     ///
     /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects a
     /// track whose samples differ from those of its line, a core field without a date, and an area that is too large
@@ -71,17 +71,18 @@ spacing_m       = 500.0
     /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false`: the measurement
     /// is an anomaly.
     core_field: bool, unit "", default true;
-    /// Date of the core field as a decimal year. Replaces the flight's date.
+    /// Date of the core field as a decimal year. It replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
     remove_diurnal: Option<bool>, unit "",
         absent "true if the flight has a column `diurnal` that has not yet been subtracted from the measurement";
     /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the spec.
+    /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines (`fitted`), or the spec
+    /// (`fixed`).
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation, north and east, of an additional position error of the track. This error is one that the
-    /// track's covariance omits, such as the error of `slam` before its first revisit.
+    /// Standard deviation, north and east, of a position error that the track's covariance omits, such as the error of
+    /// `slam` before the first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -100,7 +101,7 @@ spacing_m       = 500.0
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "a sixth of the kernel length", rule Rule::Positive;
     /// West, south, east and north bounds of the map: eastings and northings in metres.
-    bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
+    bounds: Option<Vec<f64>>, unit "m", absent "the extent of all measurements";
     /// Largest standard deviation of a known node. Nodes with a larger one are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
     /// Maximum number of functions in the expansion of the anomaly. Computing time grows with the third power of this
