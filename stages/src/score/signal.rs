@@ -65,8 +65,8 @@ metric! {
 }
 
 metric! {
-    /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
-    /// straight line over time) divided by the standard deviation of compensated minus truth
+    /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus a straight
+    /// line fitted over time) divided by the standard deviation of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
     shown MetricDisplay::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {
@@ -85,8 +85,9 @@ metric! {
 }
 
 metric! {
-    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: standard error of the
-    /// pooled slope; retentions within two standard errors are indistinguishable
+    /// standard error of `anomaly_retention`, which allows for the autocorrelation of the residual and the anomaly;
+    /// pooled: standard error of the pooled slope; retentions within two standard errors of each other are
+    /// indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
     shown MetricDisplay::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)
