@@ -106,25 +106,25 @@ stage! {
     /// | `sobol_first` | share of the prediction's variance from the group alone | |
     /// | `sobol_total` | share of the prediction's variance from the group and all its interactions | |
     ///
-    /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
-    /// noise. A constant error of the model has no effect. `shapley` and `expected_gradients` explain `samples` samples
-    /// of the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear models
-    /// and of trees are exact. For other models, Shapley values are estimated by sampling, and `error` is the mean
-    /// standard error of the estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A
-    /// line that is too short for the method is rejected.
+    /// `permutation` permutes blocks of length `block_s`, because permuting single samples would turn a slow signal
+    /// into noise. A constant error of the model has no effect. `shapley` and `expected_gradients` explain `samples`
+    /// samples of the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear
+    /// models and of trees are exact. For other models, Shapley values are estimated by sampling, and `error` is the
+    /// mean standard error of the estimates. Samples that `where` omits, or that lack an input or the target, are
+    /// ignored. A line that is too short for the method is rejected.
     ///
     /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
-    /// their contributions to the prediction, and `sample_inputs` holds the values of the input. `sample_inputs` is NaN
-    /// for a group of several inputs. The report plots both lists for all lines together, like the beeswarm plot of the
-    /// SHAP package.
+    /// the contribution of the group to the prediction for each of these samples, and `sample_inputs` holds the value
+    /// of the input. `sample_inputs` is NaN for a group of several inputs. The report plots both lists for all lines
+    /// together, like the beeswarm plot of the SHAP package.
     ///
     /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input is from
     /// the quantile `tails` to the quantile 1 - `tails` of its values on the line. Correlated inputs then take
     /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
     /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
     /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are
-    /// the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total indices indicate
-    /// interactions. With `morris`, a group of several inputs has no `spread`.
+    /// the bounds of a Sobol index's 95 % bootstrap interval. A first-order index below the total index of the same
+    /// group indicates interactions. With `morris`, a group of several inputs has no `spread`.
     ///
     /// To compute the increase in error when an input is dropped and the model is refitted, use a sweep. Its axis holds
     /// all subsets of `entries` or `inputs` of the fit that lack at most one input: `{ subsets_of = [...], at_least = n

@@ -37,9 +37,9 @@ stage! {
     /// Use `map_continue` to bring a map to the flight height, or to bring several maps to one height before they are
     /// combined. Upward continuation is stable, because it smooths the field. Downward continuation amplifies short
     /// wavelengths and noise, so it is damped by `alpha_m2`. The damping removes part of the signal. Unknown nodes are
-    /// filled by minimum curvature for the transform and are unknown again in the result. The field beyond the map's
-    /// edges is unknown. Keep the change of height below 1/50 of the map's shorter side, or remove the edges
-    /// afterwards.
+    /// filled by minimum curvature for the transform and are unknown again in the result. The result has errors near
+    /// the map's edges, because the field beyond them is unknown. Keep the change of height below 1/50 of the map's
+    /// shorter side, or remove the edges afterwards.
     ///
     /// These are rejected: a map without a known height, a derivative of a draped map, and a `drape` that is on another
     /// grid or has one height for all nodes.

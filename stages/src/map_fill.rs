@@ -45,10 +45,10 @@ stage! {
     /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from the nodes around each
     /// gap.
     ///
-    /// The other maps are converted to the coordinate system of the map. Lower maps are continued upward to the height
-    /// of the map. The difference between each other map and the map is estimated in their overlap and removed
-    /// (`bias`). Values filled from the nodes around a gap contain no information about the anomaly in the gap.
-    /// `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large gaps.
+    /// The other maps are converted to the coordinate system of the map to be filled. Lower maps are continued upward
+    /// to its height. The difference between each of these maps and the map to be filled is estimated in the overlap
+    /// and removed (`bias`). Values filled from the nodes around a gap contain no information about the anomaly in the
+    /// gap. `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large gaps.
     ///
     /// A map of `with` that is higher than the map to be filled is rejected. A draped map together with other maps is
     /// also rejected.
@@ -63,7 +63,7 @@ map    = "map_grid"
 with   = ["anomaly"]
 method = "minimum_curvature"
 "#;
-    /// Method that fills gaps from their surroundings: `knn`, the mean of the nearest known nodes; `harmonic`, a
+    /// Method that fills gaps from the nodes around them: `knn`, the mean of the nearest known nodes; `harmonic`, a
     /// harmonic surface, which stays between the values around the gap; `minimum_curvature`, which continues the slope
     /// at the gap's edge; or `none`.
     method: GapFillMethod, unit "", default GapFillMethod::Knn;

@@ -39,10 +39,10 @@ stage! {
     /// Near the magnetic equator, waves whose k is perpendicular to the core field are missing from the map. At
     /// inclinations below 15 degrees, these waves are damped, the components are too small, and a warning is reported.
     /// The mean and the trend of a map give no information on direction, and are assumed to be parallel to the core
-    /// field. The field beyond the map's edges is unknown; discard a margin of 15 nodes. Within this margin, components
-    /// of dipoles below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to
-    /// 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for the transform and are unknown again in the
-    /// result.
+    /// field. The field beyond the map's edges is unknown; discard a margin of 15 nodes. In the remaining area,
+    /// components of dipoles below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16
+    /// degrees, and 8 to 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for the transform and are
+    /// unknown again in the result.
     ///
     /// The result has the unit nT, but it is not a total-field anomaly: do not navigate with it. These are rejected: a
     /// draped map, a map of a derivative, and a direction that is missing or given twice.

@@ -83,7 +83,7 @@ stage! {
     /// On a flat map, a measurement corrects only the temporal variation. With `core_field = true`, the slope of the
     /// core field also corrects the position slightly. A line with a NaN in an INS column is rejected, and the error
     /// message gives the row. If the INS columns of velocity, specific force or attitude are missing, they are derived
-    /// from the INS positions. A derived attitude is level, with the yaw along the course.
+    /// from the INS positions. Derived roll and pitch angles are 0, and the derived yaw angle is the course.
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
     /// the expected rms error of the map at the mean height of the line, computed from the spectrum of the whole map.
@@ -94,9 +94,9 @@ stage! {
     /// Filters that linearise the map require an initial position error smaller than the distance over which the map is
     /// nearly linear. `start_sigma` is the standard deviation of the initial position. `start_sigma_limit` is the
     /// largest standard deviation for which the map is nearly linear. Up to this limit, the linearisation error is
-    /// below the white noise, or below a third of the linear change of the map (medians over a minute of flight). A
-    /// larger `start_sigma` is flagged (`wide_start` in the table of warnings), because these filters may then diverge
-    /// unnoticed. In this case, use `filter = "mpf_then_ekf"`.
+    /// below the white noise, or below a third of the change that the linearised map predicts (medians over a minute of
+    /// flight). A larger `start_sigma` is flagged (`wide_start` in the table of warnings), because these filters may
+    /// then diverge unnoticed. In this case, use `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
@@ -106,8 +106,8 @@ stage! {
     /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
     /// over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the start of the
     /// line. The remaining error is the change since the start, so the variance and the time constant from the columns
-    /// are doubled. With `measurement_sigma_nt = "auto"`, the error of bilinear interpolation between nodes is added to
-    /// the white noise.
+    /// are doubled. With `measurement_sigma_nt = "auto"` and `map_interpolation = "linear"`, the interpolation error is
+    /// added to the white noise.
     Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],

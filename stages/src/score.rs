@@ -65,10 +65,10 @@ stage! {
     /// `input` names one or several tables with the same samples, for example the table of the compensated signal and
     /// the table of the track. If `metrics` is unset, the stage scores all built-in metrics that can be computed from
     /// these tables. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of samples (for crossings:
-    /// number of pairs). Rows with a NaN are excluded from a metric and its `n`; a metric without samples has a null
-    /// value. A metric that cannot be computed for a line, for example because `high_hz` exceeds half the sample rate,
-    /// has a null value and the reason in `note`. The other metrics are kept. The run reports a warning, or fails if
-    /// `metrics` lists the metric.
+    /// number of pairs). Samples with a NaN are excluded from a metric and from its `n`. A metric without samples has a
+    /// null value. A metric that cannot be computed for a line, for example because `high_hz` exceeds half the sample
+    /// rate, has a null value and the reason in `note`. The other metrics are kept. The run reports a warning; if
+    /// `metrics` lists the metric, the run fails.
     ///
     /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
     /// score, or to choose a parameter in a search. Such a score measures the error of the fit, not of a prediction,

@@ -25,9 +25,9 @@ stage! {
     /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
     /// Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are weighted by the number
-    /// of samples. `cep` and `r95` are radii of the samples of all lines. Sample counts are added. The bounds of the
-    /// interval are percentiles over `draws` resamples of the lines, drawn with replacement. Whole lines are resampled
-    /// because the errors within a line are correlated. A single line has no interval (null).
+    /// of samples. `cep` and `r95` are computed from the samples of all lines. Sample counts are added. The bounds of
+    /// the interval are percentiles over `draws` resamples of the lines, drawn with replacement. Whole lines are
+    /// resampled because the errors within a line are correlated. A single line has no interval (null).
     ///
     /// Each metric is pooled over the lines that are not in sample. If none of these lines has a value, the metric is
     /// pooled over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to make a model,

@@ -31,9 +31,10 @@ stage! {
     /// regression. `sd` is the standard deviation of the map error at each node.
     ///
     /// Use `track_map` to plot and score an anomaly that was measured without a map, and to navigate on it. `track` is
-    /// the table of a `navigate` stage, for example with the filter `slam`. Its `lat`, `lon` and `alt` are the
-    /// positions of the measurements in `input`. Without `track`, the positions are the flight's own `lat`, `lon` and
-    /// `alt`, from GNSS. If the survey lines require levelling and the removal of outliers, use `map_grid`.
+    /// the table of a `navigate` stage, for example with the filter `slam`. The columns `lat`, `lon` and `alt` of
+    /// `track` are the positions of the measurements in `input`. Without `track`, the positions are the flight's own
+    /// `lat`, `lon` and `alt`, from GNSS. If the survey lines require levelling and the removal of outliers, use
+    /// `map_grid`.
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// number of equations therefore does not depend on the length of the flight. Each line may have its own constant,
@@ -46,13 +47,13 @@ stage! {
     /// error common to the whole track shifts the map. The measurements do not reveal this shift, so `sd` is only as
     /// accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
     ///
-    /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects a
-    /// track whose samples differ from those of its line, a core field without a date, and an area that is too large
-    /// for the kernel length. Divide such an area with `bounds`; measurements more than three kernel lengths beyond the
-    /// bounds are skipped.
+    /// Rows without a position, a standard deviation of the position, a height or a measurement are skipped. The stage
+    /// rejects a track whose samples differ from those of its line, a core field without a date, and an area that is
+    /// too large for the kernel length. Divide such an area with `bounds`; measurements more than three kernel lengths
+    /// beyond the bounds are skipped.
     ///
     /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset,
-    /// Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
+    /// Kullberg, Wesel and Solin 2024 (normal equations); McHutchon and Rasmussen 2011 (input noise).
     TrackMap = "track_map", version 2, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
     example r#"
 [[stages]]
@@ -68,8 +69,8 @@ spacing_m       = 500.0
 "#;
     /// Column of the measured field.
     mag: String, unit "nT", default "mag_c";
-    /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false`: the measurement
-    /// is an anomaly.
+    /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false` means that the
+    /// measurement is an anomaly.
     core_field: bool, unit "", default true;
     /// Date of the core field as a decimal year. It replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
@@ -92,17 +93,17 @@ spacing_m       = 500.0
     length_m: Option<f64>, unit "m", absent "150 m", rule Rule::Positive;
     /// Standard deviation of the noise of an averaged measurement; if it is fitted, the initial value of the search.
     sigma_n_nt: Option<f64>, unit "nT", absent "1 nT", rule Rule::NotNegative;
-    /// Standard deviation of the temporal variation; 0 for none.
+    /// Standard deviation of the temporal variation. 0 assumes no temporal variation.
     fogm_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Time constant of the temporal variation.
     fogm_tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
-    /// Standard deviation of the constant of each line, if there are several lines; 0 for none.
+    /// Standard deviation of the constant of each line, if there are several lines. 0 assumes no such constants.
     line_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "a sixth of the kernel length", rule Rule::Positive;
     /// West, south, east and north bounds of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "the extent of all measurements";
-    /// Largest standard deviation of a known node. Nodes with a larger one are unknown.
+    /// Largest standard deviation of a known node. Nodes with a larger standard deviation are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
     /// Maximum number of functions in the expansion of the anomaly. Computing time grows with the third power of this
     /// number.

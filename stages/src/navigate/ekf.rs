@@ -16,8 +16,8 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro biases, barometer loop,
-    /// and temporal variation. The map is linearised at the estimated position of each sample.
+    /// The extended Kalman filter with 18 states: position, velocity, tilt, accelerometer and gyro biases, barometer
+    /// loop, and temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// With `tuning = "auto"` the innovation variance includes the effect of the map's curvature within the position
     /// uncertainty, from second-order divided differences [Nørgaard, Poulsen & Ravn 2000]. Without this term, the first

@@ -29,9 +29,9 @@ filter! {
     ///
     /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
     /// part the aircraft field is the measurement minus the map and the core field at the GNSS position. Training uses
-    /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
-    /// used twice. Afterwards, the assumed measurement noise is the larger of the training residual and
-    /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
+    /// recursive least squares. During training, GNSS aids the INS, and `update` is `missing`, because the measurement
+    /// is already used for training. Afterwards, the assumed measurement noise is the larger of the training residual
+    /// and `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
     /// weights then start from this network, and `hidden` and `activation` must equal the values of that fit. Training

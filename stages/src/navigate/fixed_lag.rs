@@ -22,10 +22,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother over sliding windows that estimates the aircraft field while it navigates. Its states are the 18
-    /// states of `ekf`, the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the
-    /// magnetometer. It can start without a calibration, with an uncompensated magnetometer: while the INS is accurate
-    /// to metres at the start of the line, the map determines the coefficients.
+    /// A smoother over sliding windows that also estimates the aircraft field. Its states are the 18 states of `ekf`,
+    /// the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. The smoother
+    /// can start with an uncompensated magnetometer and without a calibration. At the start of the line, while the INS
+    /// is accurate to metres, the map determines the coefficients.
     ///
     /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. Each window passes
     /// the filtered covariance of INS states and coefficients to the next window. Between the end of one window and the
@@ -33,8 +33,8 @@ filter! {
     /// per `measurement_interval_s`. With `lag_s = 0.0`, the track corresponds to real-time navigation.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
-    /// residual of the linear aircraft model. If this residual is not assumed, a filter with magnetometers in the cabin
-    /// is overconfident.
+    /// residual of the linear aircraft model. Without an assumed noise for this residual, a filter with magnetometers
+    /// in the cabin is overconfident.
     ///
     /// Source: fixed-lag factor-graph smoothing for the windows and their prior. Each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].

@@ -14,10 +14,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state iterated extended Kalman filter. At each sample, it linearises the map again at each new estimate
-    /// until it finds the most probable state. If the position error is not small compared with the wavelengths of the
-    /// map, the single linearisation of `ekf` is inaccurate and overconfident. `iekf` tolerates position errors several
-    /// times as large as `ekf` does, and takes little more time.
+    /// The 18-state iterated extended Kalman filter. At each sample, the filter repeats the linearisation of the map at
+    /// each new estimate until it finds the most probable state. If the position error is not small compared with the
+    /// wavelengths of the map, the single linearisation of `ekf` is inaccurate, and `ekf` is overconfident. `iekf`
+    /// tolerates position errors several times as large as `ekf` does, and takes little more time.
     ///
     /// A step that would make the state less probable is halved. With `iterations = 1`, the filter equals `ekf`.
     ///

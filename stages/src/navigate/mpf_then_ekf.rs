@@ -17,17 +17,17 @@ filter! {
     /// Use it if the initial position is known only to kilometres. In this case, `ekf` may diverge unnoticed, and `mpf`
     /// takes seventy times as long because it uses particles along the whole line.
     ///
-    /// The hand-over to the Kalman filter follows when two conditions hold for 60 s. First, the weight of one mode of
-    /// the particles must be at least `hand_over_weight`. Second, the map's linearisation error over the spread of this
-    /// mode (median over the next minute of the path) must be smaller than the white noise. The mean and covariance of
-    /// the mode become the initial state and covariance of the Kalman filter. From then on `particles` is 0 and `n_eff`
-    /// is NaN. If the conditions are never met on a line, all samples come from `mpf`.
+    /// The hand-over to the Kalman filter occurs when two conditions have held for 60 s. First, the weight of one mode
+    /// of the particles must be at least `hand_over_weight`. Second, the map's linearisation error over the spread of
+    /// this mode (median over the next minute of the path) must be smaller than the white noise. The mean and
+    /// covariance of the mode become the initial state and covariance of the Kalman filter. From then on `particles` is
+    /// 0 and `n_eff` is NaN. If the conditions are never met on a line, all samples come from `mpf`.
     ///
-    /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. First, particles with an assumed
-    /// slow error of 30 nT locate the aircraft. Second, the INS is corrected with this position and velocity. Third,
-    /// the likelihood of the innovations along the corrected INS track gives the noise and the outliers. In the first
-    /// step, a spike is rejected only if it contradicts every particle. Therefore remove spikes in the first minutes of
-    /// the line with `despike`.
+    /// With `tuning = "auto"` and a large initial position error, the noise is estimated in three steps. First,
+    /// particles with an assumed slow error of 30 nT locate the aircraft. Second, the INS is corrected with this
+    /// position and velocity. Third, the likelihood of the innovations along the corrected INS track gives the noise
+    /// and the outliers. In the first step, a spike is rejected only if it contradicts every particle. Therefore remove
+    /// spikes in the first minutes of the line with `despike`.
     ///
     /// `flat_over_m` is rejected, as for `mpf`.
     ///

@@ -25,9 +25,9 @@ filter! {
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
     /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber`, the
-    /// influence of an outlier is constant. With `cauchy`, it decreases with the size of the residual; this requires a
-    /// good initial track. `smoothing` is `converged`, or `stopped` if the track did not converge within `iterations`.
-    /// `smoothing_step` is the largest position change in the last iteration.
+    /// influence of an outlier is constant. With `cauchy`, the influence decreases as the residual increases, which
+    /// requires a good initial track. `smoothing` is `converged`, or `stopped` if the track did not converge within
+    /// `iterations`. `smoothing_step` is the largest position change in the last iteration.
     ///
     /// A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per sample (2.6 kB more with
     /// `save_state`). With additional measurements, such as `gradient`, a line requires 15 kB per sample. The smoother

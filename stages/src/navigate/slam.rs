@@ -35,7 +35,7 @@ filter! {
     /// the start does not reduce the required number of particles. In tests with 400 particles, all ten surveys
     /// succeeded. In tests with 150 particles, two of six surveys diverged, with covariances far too small.
     ///
-    /// `smooth` is for post-processing: the result is then the most probable track of the whole flight given all its
+    /// With `smooth`, for post-processing, the result is the most probable track of the whole flight given all
     /// measurements. The smoother starts from the track of the particles and reduces errors of tens of metres to
     /// metres. It represents the INS error by a few smooth functions of time. Every crossing constrains these
     /// functions, so few particles are enough. `residual`, `nis`, `revisiting` and `effective` still describe the
@@ -88,8 +88,8 @@ filter! {
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
     /// Minimum age of an earlier sample. More recent samples are not compared with the present one.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// Radius within which earlier samples count as a revisit. A sample is a revisit if more than `trigger_points`
-    /// earlier samples lie within this radius.
+    /// Radius of the test for a revisit. A sample is a revisit if more than `trigger_points` earlier samples lie within
+    /// this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "the larger of 18 m and 1.6 times the distance between samples", rule Rule::Positive;
     /// Number of earlier samples within `trigger_radius_m`. With more than this number, the sample is a revisit.

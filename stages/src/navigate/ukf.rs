@@ -31,8 +31,8 @@ filter! {
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Parameter in the weight of the central sigma point: the weight in the covariance exceeds the weight in the mean
     /// by 1 - alpha² + beta. The minimum of beta is -alpha² kappa/3. The filter computes the variance due to the
-    /// nonlinearity of the field. Averaged over directions, the computed variance is (5 + 4 beta)/8 of the true one.
-    /// With a beta of 2, the filter is therefore cautious.
+    /// nonlinearity of the field. Averaged over directions, the computed variance is (5 + 4 beta)/8 of the true
+    /// variance. With a beta of 2, the filter is therefore cautious.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
     /// Parameter in the distance of the outer sigma points from the central one: alpha sqrt(3 + kappa) standard
     /// deviations. It must be above -3. With 0, the gain is exact to the fourth moment of a normal distribution.
