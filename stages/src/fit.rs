@@ -159,10 +159,10 @@ lambda = 0.025
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Entries of the lists in `features` to use, in this order. Each is given by its name or by a prefix. A prefix,
-    /// such as `TL_A_flux_a`, is the part of a name before a `_`; it selects all names that begin with it. A row must
-    /// be finite in all entries of the lists, selected or not. The matrix of all entries is factored only once, so a
-    /// sweep over `entries` is fast.
+    /// Entries of the lists in `features` to use, in this order. Each is given by its name or by a prefix. A prefix is
+    /// the part of a name before a `_`, such as `TL_A_flux_a`. It selects all names that begin with this part. A row
+    /// must be finite in all entries of the lists, selected or not. The matrix of all entries is factored only once, so
+    /// a sweep over `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: ModelSelection, unit "", default ModelSelection::Given;

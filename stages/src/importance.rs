@@ -122,9 +122,9 @@ stage! {
     /// the quantile `tails` to the quantile 1 - `tails` of its values on the line. Correlated inputs then take
     /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
     /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
-    /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are
-    /// the bounds of a Sobol index's 95 % bootstrap interval. A first-order index below the total index of the same
-    /// group indicates interactions. With `morris`, a group of several inputs has no `spread`.
+    /// line. An input that is constant on the line has an importance of 0. `error` is the standard error; `low` and
+    /// `high` are the bounds of a Sobol index's 95 % bootstrap interval. A first-order index below the total index of
+    /// the same group indicates interactions. With `morris`, a group of several inputs has no `spread`.
     ///
     /// To compute the increase in error when an input is dropped and the model is refitted, use a sweep. Its axis holds
     /// all subsets of `entries` or `inputs` of the fit that lack at most one input: `{ subsets_of = [...], at_least = n
@@ -148,10 +148,10 @@ block_s = 1.0
     target: String, unit "nT";
     /// Method that computes the importance.
     method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
-    /// Groups of entries, each given by a name or a prefix. A prefix, such as `TL_A_flux_a`, is the part of a name
-    /// before a `_`; it selects all names that begin with it.
+    /// Groups of entries, each given by a name or a prefix. A prefix is the part of a name before a `_`, such as
+    /// `TL_A_flux_a`. It selects all names that begin with this part.
     groups: Vec<String>, unit "", default Vec::<String>::new();
-    /// Length of the permuted blocks. It must exceed the correlation times of the target and the inputs.
+    /// Length of the permuted blocks. The length must exceed the correlation times of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
     /// Number of repeats of the permutation.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
@@ -167,12 +167,12 @@ block_s = 1.0
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
     /// Number of entries in the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// Number of trajectories of `morris`. Each requires (groups + 1) predictions.
+    /// Number of trajectories of `morris`. Each trajectory requires (number of groups + 1) predictions.
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Number of levels of each input in `morris`, an even number.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
-    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (groups + 2) times as
-    /// many rows. Errors are proportional to the inverse square root of `points`.
+    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (number of groups + 2)
+    /// times this number of rows. Errors are proportional to the inverse square root of `points`.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
     /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);

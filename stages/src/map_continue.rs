@@ -32,7 +32,7 @@ choice! {
 
 stage! {
     /// Continues a map to another height, or differentiates it. A level map is continued to another level or to the
-    /// heights of another map on the same grid (`drape`), and a draped map to a level.
+    /// heights of another map on the same grid (`drape`). A draped map is continued to a level.
     ///
     /// Use `map_continue` to bring a map to the flight height, or to bring several maps to one height before they are
     /// combined. Upward continuation is stable, because it smooths the field. Downward continuation amplifies short
@@ -54,7 +54,7 @@ map   = "map_fill"
 to_m  = 400.0
 "#;
     /// Height above the WGS-84 ellipsoid to which the map is continued.
-    to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
+    to_m: Option<f64>, unit "m", absent "the heights of `drape` if it is given, otherwise the map's own height";
     /// Derivative that is returned instead of the field, in nT/m (`up2`: second vertical derivative, in nT/m2).
     derivative: Option<DerivativeDirection>, unit "", absent "the field itself";
     /// Damping of downward continuation. `auto` uses the corner of the L-curve.

@@ -57,11 +57,11 @@ stage! {
     /// their crossings, removes outliers, and fits a surface.
     ///
     /// Use `map_grid` to make a navigation map from the survey lines that `where` selects. `equivalent_sources` gives a
-    /// potential field on a level, which can be continued. By default the level is the height of the highest point.
-    /// `minimum_curvature` interpolates at the heights flown and requires no heights. Levelling is part of this stage
-    /// because it uses the crossings of the gridded points, in the map's coordinates and after the reduction to blocks.
-    /// Do not grid the lines that are navigated, because the map would then contain the field measured along these
-    /// lines.
+    /// potential field at one height, by default the height of the highest point. The potential field can be continued
+    /// to other heights. `minimum_curvature` interpolates the values at the flight heights, and does not require
+    /// heights. Levelling is part of this stage because it uses the crossings of the points that are gridded: in the
+    /// map's coordinates, after the reduction to blocks. Do not grid the lines that are navigated, because the map
+    /// would then contain the field measured along these lines.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are

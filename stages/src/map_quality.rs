@@ -35,9 +35,9 @@ stage! {
     /// the mean slope, which gives the bound for a measurement with an unknown constant. `map_position_bound` of
     /// `score` is the bound with an unknown constant over the whole line.
     ///
-    /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
-    /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
-    /// The slope of the core field is not included.
+    /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both
+    /// standard deviations are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window
+    /// have one direction. The slope of the core field is not included.
     ///
     /// A line is rejected if none of its samples is on the map, or if its times do not increase.
     ///

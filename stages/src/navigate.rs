@@ -77,8 +77,8 @@ stage! {
     /// plus the state. Each row holds the estimate after the measurement update of its sample (a posteriori). `update`
     /// gives the outcome for the measurement: `used`; `missing` (NaN); `off_map` (predicted position off the map or in
     /// a cell with an unknown node); `gated` (outlier); `flat` (map too flat to observe the position, `flat_over_m`);
-    /// `unused` (not needed by the filter). Without a used measurement, the filter makes only the time update of the
-    /// sample, and `residual` and `nis` are NaN.
+    /// `unused` (not needed by the filter). If the measurement of a sample is not used, the filter makes only the time
+    /// update, and `residual` and `nis` are NaN.
     ///
     /// On a flat map, a measurement corrects only the temporal variation. With `core_field = true`, the slope of the
     /// core field also corrects the position slightly. A line with a NaN in an INS column is rejected, and the error
@@ -101,13 +101,13 @@ stage! {
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
     ///
-    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set to the noise of the
+    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. This value selects the noise of the
     /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
-    /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
-    /// over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the start of the
-    /// line. The remaining error is the change since the start, so the variance and the time constant from the columns
-    /// are doubled. With `measurement_sigma_nt = "auto"` and `map_interpolation = "linear"`, the interpolation error is
-    /// added to the white noise.
+    /// these columns from the lines to which its model was fitted; `residual_noise` and `assume_noise` estimate them
+    /// from lines over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the
+    /// start of the line. The remaining error is the change since the start, so the variance and the time constant from
+    /// the columns are doubled. With `measurement_sigma_nt = "auto"` and `map_interpolation = "linear"`, the
+    /// interpolation error is added to the white noise.
     Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],

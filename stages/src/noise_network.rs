@@ -59,7 +59,8 @@ epochs          = 2
 "#;
     /// Noise that the network sets: measurement noise (`"r"`), noise of the temporal variation (`"q"`), or both.
     network_noise: NetworkNoise, unit "", default NetworkNoise::R;
-    /// Quantity whose negative log-likelihood is the loss: the innovations or the true position.
+    /// Quantity whose negative log-likelihood is the loss: the innovations (`likelihood`) or the true position
+    /// (`position`).
     loss: NoiseLoss, unit "", default NoiseLoss::Likelihood;
     /// Columns that are additional inputs of the network, such as electric currents. Values that are not finite are
     /// rejected.

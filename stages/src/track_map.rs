@@ -48,9 +48,9 @@ stage! {
     /// accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
     ///
     /// Rows without a position, a standard deviation of the position, a height or a measurement are skipped. The stage
-    /// rejects a track whose samples differ from those of its line, a core field without a date, and an area that is
-    /// too large for the kernel length. Divide such an area with `bounds`; measurements more than three kernel lengths
-    /// beyond the bounds are skipped.
+    /// rejects a track whose samples differ from the samples of the line, a core field without a date, and an area that
+    /// is too large for the kernel length. Divide such an area with `bounds`; measurements more than three kernel
+    /// lengths beyond the bounds are skipped.
     ///
     /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset,
     /// Kullberg, Wesel and Solin 2024 (normal equations); McHutchon and Rasmussen 2011 (input noise).

@@ -30,14 +30,14 @@ params! {
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
     /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. The
-    /// noise of a line is the same in every run. Without added noise, true positions are exact, and the filter appears
-    /// more accurate than with real GNSS.
+    /// added noise of a line is the same in every run. Without added noise, true positions are exact, and the filter
+    /// appears more accurate than with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if the columns of `gnss` have the role `truth`";
-    /// Tests each GNSS position against the INS position and does not use rejected positions. A chi-square test of the
-    /// single position detects a jump at once. A cumulative sum over earlier positions detects a drift of 1 m/s after
-    /// about 10 s. The test then also rejects the positions since the start of the drift. Positions are accepted again
-    /// after ten consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected` or `none`) is
-    /// appended even if this key is false.
+    /// Tests each GNSS position against the INS position and does not use rejected positions. A chi-square test of each
+    /// position detects a jump at once. A cumulative sum over earlier positions detects a drift of 1 m/s after about 10
+    /// s. The test then also rejects the positions since the start of the drift. Positions are accepted again after ten
+    /// consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected` or `none`) is appended
+    /// even if this key is false.
     gnss_test: bool, unit "", default true;
 }
 

@@ -38,10 +38,10 @@ params! {
     /// `heading_2` and `heading_4` are the first, second and fourth harmonics of the angle between the sensor axis and
     /// the field. This key requires `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
-    /// Factor on the prior standard deviations from `model`. With one calibration, these are the standard deviations of
-    /// its fit. With several, they are the scatter between the calibrations. Some terms, such as eddy terms, are
-    /// differences between samples. Their coefficients are converted from the sample rate of the fit to the sample rate
-    /// of the line. At rates below about 5 Hz, the differences are inaccurate in manoeuvres: they underestimate a
+    /// Factor on the prior standard deviations from `model`. A single calibration supplies the standard deviations of
+    /// its fit. Several calibrations supply the scatter between them. Some terms, such as eddy terms, are differences
+    /// between samples. The coefficients of these terms are converted from the sample rate of the fit to the sample
+    /// rate of the line. At rates below about 5 Hz, the differences are inaccurate in manoeuvres: they underestimate a
     /// change at frequency f by the fraction (2 pi f / rate)^2 / 6.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }

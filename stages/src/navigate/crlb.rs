@@ -22,9 +22,9 @@ pub(crate) const DRMS_BOUND: &str = "drms_bound";
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {
-    /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. The filter `crlb`
-    /// evaluates the covariance along the true positions (`lat`, `lon`, `alt`). Compare the bound with the error of
-    /// another filter's track to see whether this error is due to the filter or to the flight.
+    /// The Cramér-Rao bound: the smallest error of any filter with the same models on the same flight. The filter
+    /// `crlb` evaluates the covariance along the true positions (`lat`, `lon`, `alt`). Compare the bound with the error
+    /// of another filter's track to see whether this error is due to the filter or to the flight.
     ///
     /// `crlb` makes no estimate: its track consists of the true positions, so `score` gives no error for it. The
     /// columns `sd_n`, `sd_e` and `drms_bound` hold the bound at each sample. The metric `drms_bound` is the bound over

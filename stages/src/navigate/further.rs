@@ -31,22 +31,22 @@ params! {
     /// attitude rotates this vector to the navigation frame. The measurement model includes the estimated error of the
     /// INS attitude.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
-    /// Standard deviation of the white noise in the difference between the two readings.
+    /// Standard deviation of the white noise in the difference between the two magnetometers' readings.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
-    /// Standard deviation of the slowly varying error in the difference between the two readings. Such an error is
-    /// likely, because each calibration leaves a constant undetermined.
+    /// Standard deviation of the slowly varying error in the difference between the two magnetometers' readings. Such
+    /// an error is likely, because each calibration leaves a constant undetermined.
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
-    /// Time constant of the slowly varying error in the difference between the two readings.
+    /// Time constant of the slowly varying error in the difference between the two magnetometers' readings.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error in the map's slope along the baseline. This error times the length of the
-    /// baseline is the error of the predicted difference. The error is correlated along the track, over the same length
-    /// as the map's anomalies. `"auto"` uses the maximum-likelihood value from the innovations of the difference. A
-    /// large value can reveal a map made from widely spaced lines. A map at one height without `map_levels_m` has no
-    /// vertical slope. The prediction then has an additional error: the height difference between the magnetometers
-    /// times the rms slope.
+    /// Standard deviation of the error in the map's slope along the baseline. The error of the predicted difference is
+    /// this error times the length of the baseline. The error is correlated along the track, over the same length as
+    /// the map's anomalies. `"auto"` uses the maximum-likelihood value from the innovations of the difference. A large
+    /// value can reveal a map made from widely spaced lines. A map at one height without `map_levels_m` has no vertical
+    /// slope. The prediction then has an additional error: the height difference between the magnetometers times the
+    /// rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
-    /// Uses the scalar measurement `mag` in the measurement update. `false` is useful in a magnetic storm, for example;
-    /// the difference (`gradient`) and the vector (`vector_sigma_nt`) are still used.
+    /// Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for example in a magnetic
+    /// storm, and requires the difference (`gradient`) or the vector (`vector_sigma_nt`).
     use_scalar: bool, unit "", default true;
     /// Standard deviation of the white noise of each component of `vector`. If set, the vector magnetometer measures
     /// the total field and the attitude, except for rotation about the field direction. This key requires `core_field =
@@ -60,7 +60,7 @@ params! {
     /// Standard deviation, per component, of the crustal field that a map of the scalar anomaly leaves undetermined. A
     /// typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of the undetermined crustal field of `vector_crustal_sigma_nt`. A typical value is the height
+    /// Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A typical value is the height
     /// above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
@@ -86,12 +86,12 @@ params! {
             increases the likelihood",
         rule Rule::NotNegative;
     /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
-    /// Causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set, the filter
-    /// estimates the bias as a state that is constant along the line. The bias changes only the predicted total field,
-    /// not `alt`. The map must be continued to heights beyond the bias. With `tuning = "auto"`, the map is continued to
-    /// twice this standard deviation below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The
-    /// columns `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in `ekf`, `iekf` and
-    /// `ukf`.
+    /// Possible causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set,
+    /// the filter estimates the bias as a state that is constant along the line. The bias changes only the predicted
+    /// total field, not `alt`. The heights to which the map is continued must include the true height of the aircraft.
+    /// With `tuning = "auto"`, the map is continued to twice this standard deviation below and above the line.
+    /// Otherwise, set `map_levels_m`. 0 omits this state. The columns `map_height_bias` and `map_height_bias_sigma` are
+    /// appended. This key is available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if a bias within the levels of \
             the map clearly increases the likelihood",
@@ -102,7 +102,7 @@ params! {
     /// deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is available in `ekf`,
     /// `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
+        absent "0; with `tuning = \"auto\"` the maximum-likelihood estimate, if these states clearly increase the \
             likelihood",
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.

@@ -25,7 +25,7 @@ filter! {
     /// the same `features` and sample rate as that stage. Set the noise keys to the same values in both stages, because
     /// the factor multiplies the assumed noise. If all factors are 1, the results are bit-identical to `ekf`.
     ///
-    /// The noise of a sample depends on earlier innovations, but not on the innovation of the sample. `noise_factor` is
+    /// The noise of a sample depends on earlier innovations, but not on the sample's own innovation. `noise_factor` is
     /// the factor on the standard deviation of the measurement, and `fogm_factor` is the factor on the noise of the
     /// temporal variation. A network is reliable only for noise like that of its training lines. If there are no lines
     /// for training, use `ekf_adaptive`.

@@ -86,13 +86,13 @@ filter! {
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Minimum age of an earlier sample. More recent samples are not compared with the present one.
+    /// Minimum time between the present sample and an earlier sample that is compared with it.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
     /// Radius of the test for a revisit. A sample is a revisit if more than `trigger_points` earlier samples lie within
     /// this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "the larger of 18 m and 1.6 times the distance between samples", rule Rule::Positive;
-    /// Number of earlier samples within `trigger_radius_m`. With more than this number, the sample is a revisit.
+    /// Number of earlier samples within `trigger_radius_m` above which a sample is a revisit.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
@@ -113,8 +113,8 @@ filter! {
     /// samples. Samples near the middle of each group are averaged, and the other samples are omitted. Computing time
     /// is proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
-    /// Standard deviation of the white noise of a measurement in the smoother. The particle filter may need a larger
-    /// assumed noise, because its particles are few.
+    /// Standard deviation of the white noise of a measurement in the smoother. A small number of particles requires a
+    /// larger assumed noise; the smoother does not.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.

@@ -53,8 +53,9 @@ params! {
     fogm_tau_s: Option<NumberOrAuto>, unit "s",
         absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise 600.0", rule Rule::Positive;
     /// Column with the standard deviation of an additional error of each sample: `mag_aircraft_sigma` of an ensemble,
-    /// or the predicted error of a network. Its square is added to the square of `measurement_sigma_nt`. A sample
-    /// without a value in this column has no measurement. Requires a single magnetometer.
+    /// or the predicted error of a network. The square of this standard deviation is added to the square of
+    /// `measurement_sigma_nt`. A sample without a value in this column has no measurement. Requires a single
+    /// magnetometer.
     noise_column: Option<String>, unit "nT", absent "equal noise at all samples";
 }
 

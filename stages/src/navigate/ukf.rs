@@ -34,8 +34,9 @@ filter! {
     /// nonlinearity of the field. Averaged over directions, the computed variance is (5 + 4 beta)/8 of the true
     /// variance. With a beta of 2, the filter is therefore cautious.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
-    /// Parameter in the distance of the outer sigma points from the central one: alpha sqrt(3 + kappa) standard
-    /// deviations. It must be above -3. With 0, the gain is exact to the fourth moment of a normal distribution.
+    /// Parameter in the distance of the outer sigma points from the central one, which is alpha sqrt(3 + kappa)
+    /// standard deviations. `kappa` must be above -3. With 0, the gain is exact to the fourth moment of a normal
+    /// distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",

@@ -39,8 +39,8 @@ params! {
     init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
     /// Standard deviation of the initial tilt error about each axis.
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice it exceeds the tilt
-    /// errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
+    /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice, the yaw error exceeds
+    /// the other tilt errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
     init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error",
         rule Rule::NotNegative;
     /// Velocity random walk: square root of the spectral density of the accelerometer noise.
