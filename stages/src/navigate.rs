@@ -83,7 +83,8 @@ stage! {
     /// On a flat map, a measurement corrects only the temporal variation. With `core_field = true`, the slope of the
     /// core field also corrects the position slightly. A line with a NaN in an INS column is rejected, and the error
     /// message gives the row. If the INS columns of velocity, specific force or attitude are missing, they are derived
-    /// from the INS positions. Derived roll and pitch angles are 0, and the derived yaw angle is the course.
+    /// from the INS positions or velocities. Derived roll and pitch angles are 0, and the derived yaw angle is the
+    /// course.
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
     /// the expected rms error of the map at the mean height of the line, computed from the spectrum of the whole map.

@@ -42,7 +42,7 @@ filter! {
     /// Number of particles. Use 1000 if the INS position is known to within hundreds of metres. Use 10,000 if the INS
     /// position is uncertain by kilometres, or with a measurement as precise as `gradient`.
     particles: Option<usize>, unit "1",
-        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; the \
+        absent "1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; the \
             column `particles` is then appended",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.

@@ -36,7 +36,7 @@ filter! {
     example "particles = 2000";
     /// Number of particles.
     particles: Option<usize>, unit "1",
-        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
+        absent "1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;

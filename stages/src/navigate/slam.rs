@@ -97,8 +97,8 @@ filter! {
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the correlation length, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
-    /// Maximum height difference between a sample and the earlier samples that predict it. A smaller height difference
-    /// increases the assumed variance of the earlier sample.
+    /// Maximum height difference between a sample and the earlier samples that predict it. Within this limit, the
+    /// assumed variance of an earlier sample increases with the height difference.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of an inverse-distance-weighted prediction.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
