@@ -26,12 +26,12 @@ stage! {
     /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true signal,
     /// the variation at a base station, and the `residual` of a track without measurement updates. `residual_noise`
     /// gives the smallest noise that bounds a signal over every time span, for a cautious filter. `fogm_noise` gives
-    /// the best fit for noise with one time scale. It represents noise with several time scales only in part.
+    /// the best fit for noise with one time scale. Noise with several time scales is represented only in part.
     ///
-    /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
-    /// run. `allan` fits the Allan variance. A constant affects neither statistic. A gap ends a run. If the
-    /// Gauss-Markov noise is not significant, its standard deviation is 0 and the time constant is the sample interval.
-    /// The white noise is at least 0.01 nT.
+    /// A run is a stretch of samples without a gap. `autocorrelation` fits the variance minus the autocovariance at
+    /// lags from one sample to a quarter of the longest run. `allan` fits the Allan variance. A constant affects
+    /// neither statistic. If the Gauss-Markov noise is not significant, its standard deviation is 0 and the time
+    /// constant is the sample interval. The white noise is at least 0.01 nT.
     ///
     /// These are rejected: records without a run of 64 samples, constant records, and lines with different sample
     /// rates. A record must also last at least 20 time constants in total, and at least 8 in its longest run. A shorter

@@ -87,44 +87,44 @@ impl ImportanceMethod {
 }
 
 stage! {
-    /// Computes the importance of each input of a fitted model on each line. Each group of inputs gives a row with
-    /// `value` and, if the value is a mean, its `spread`. `permutation`, `shapley`, `morris` and the Sobol indices use
-    /// predictions only, so they apply to all kinds of models.
+    /// Computes the importance of each input of a fitted model on each line. Each group of inputs gives one row with
+    /// `value`. If `value` is a mean, `spread` is the standard deviation of the averaged values. `permutation`,
+    /// `shapley`, `morris` and the Sobol indices use predictions only, so they apply to all kinds of models.
     ///
-    /// Every entry of the features that the model uses is a separate group, unless `groups` combines it with others.
-    /// Correlated inputs share or mask importance. Put all inputs from one sensor into one group.
+    /// Each entry of the model's features is a separate group, unless `groups` combines it with others. Correlated
+    /// inputs share or mask importance, so put all inputs from one sensor into one group.
     ///
-    /// | `method` | `value` | `spread` |
+    /// | `method` | `value` | `value` is a mean over |
     /// |---|---|---|
-    /// | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | over the repeats |
-    /// | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
-    /// | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | over the samples |
+    /// | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | the repeats |
+    /// | `shapley` | mean absolute contribution to the prediction, in nT | the samples |
+    /// | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
-    /// | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
-    /// | `morris` | mean absolute change in the prediction over the range of the input, in nT | over the trajectories |
+    /// | `group_lasso` | norm of an input's weights times the input's standard deviation on the line | the ensemble |
+    /// | `morris` | mean absolute change in the prediction over the input's range, in nT | the trajectories |
     /// | `sobol_first` | share of the prediction's variance from the group alone | |
-    /// | `sobol_total` | share from the group and all its interactions | |
+    /// | `sobol_total` | share of the prediction's variance from the group and all its interactions | |
     ///
-    /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
-    /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
-    /// the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear models and
-    /// of trees are exact. Shapley values of other models are estimated by sampling, and `error` is the mean standard
-    /// error of these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line
-    /// that is too short is rejected.
+    /// `permutation` permutes blocks of length `block_s`, because permuting single samples would turn a slow signal
+    /// into noise. A constant error of the model has no effect. `shapley` and `expected_gradients` explain `samples`
+    /// samples of the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear
+    /// models and of trees are exact. For other models, Shapley values are estimated by sampling, and `error` is the
+    /// mean standard error of the estimates. Samples that `where` omits, or that lack an input or the target, are
+    /// ignored. A line that is too short for the method is rejected.
     ///
     /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
-    /// their contributions to the prediction, and `sample_inputs` holds the values of the input. `sample_inputs` is NaN
-    /// for a group of several inputs. The report plots both lists for all lines together, like the beeswarm plot of the
-    /// SHAP package.
+    /// the contribution of the group to the prediction for each of these samples, and `sample_inputs` holds the value
+    /// of the input. `sample_inputs` is NaN for a group of several inputs. The report plots both lists for all lines
+    /// together, like the beeswarm plot of the SHAP package.
     ///
     /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input is from
     /// the quantile `tails` to the quantile 1 - `tails` of its values on the line. Correlated inputs then take
     /// combinations that do not occur in the data. The values therefore describe the model over the ranges, not its
     /// behaviour on the line. The shares of correlated inputs do not add up to the variance of the prediction on the
-    /// line. An input that is constant on the line has the value 0. `error` is the standard error; `low` and `high` are
-    /// the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total indices indicate
-    /// interactions. The effect of a group of several inputs has no `spread`.
+    /// line. An input that is constant on the line has an importance of 0. `error` is the standard error; `low` and
+    /// `high` are the bounds of a Sobol index's 95 % bootstrap interval. A first-order index below the total index of
+    /// the same group indicates interactions. With `morris`, a group of several inputs has no `spread`.
     ///
     /// To compute the increase in error when an input is dropped and the model is refitted, use a sweep. Its axis holds
     /// all subsets of `entries` or `inputs` of the fit that lack at most one input: `{ subsets_of = [...], at_least = n
@@ -148,30 +148,31 @@ block_s = 1.0
     target: String, unit "nT";
     /// Method that computes the importance.
     method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
-    /// Groups of entries, each given by a name or a prefix. A prefix, such as `TL_A_flux_a`, is the part of a name
-    /// before a `_`; it selects all names that begin with it.
+    /// Groups of entries, each given by a name or a prefix. A prefix is the part of a name before a `_`, such as
+    /// `TL_A_flux_a`. It selects all names that begin with this part.
     groups: Vec<String>, unit "", default Vec::<String>::new();
-    /// Length of the permuted blocks. It must exceed the correlation times of the target and the inputs.
+    /// Length of the permuted blocks. The length must exceed the correlation times of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
     /// Number of repeats of the permutation.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// Number of samples of a line that are explained.
+    /// Number of samples of each line for which contributions are computed.
     samples: usize, unit "samples", default 200usize, rule Rule::Between(2.0, 1e6);
-    /// Number of background samples.
+    /// Number of background samples of each line, relative to which contributions are computed.
     background: usize, unit "samples", default 50usize, rule Rule::Between(1.0, 1e5);
-    /// Number of random orders of the groups, each with its reverse, for each sample and background sample. For
-    /// `expected_gradients`: number of gradients divided by `background`.
+    /// Number of random orders of the groups for each pair of a sample and a background sample. Each order is also used
+    /// in reverse. With `expected_gradients`: number of gradients per sample, divided by the number of background
+    /// samples.
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
     /// Number of explained samples whose values are stored, evenly spaced. 0 stores none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
     /// Number of entries in the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// Number of trajectories of `morris`. Each requires (groups + 1) predictions.
+    /// Number of trajectories of `morris`. Each trajectory requires (number of groups + 1) predictions.
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Number of levels of each input in `morris`, an even number.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
-    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (groups + 2) times as
-    /// many rows. Errors are proportional to the inverse square root of `points`.
+    /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (number of groups + 2)
+    /// times this number of rows. Errors are proportional to the inverse square root of `points`.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
     /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);

@@ -32,14 +32,14 @@ choice! {
 
 stage! {
     /// Continues a map to another height, or differentiates it. A level map is continued to another level or to the
-    /// heights of another map on the same grid (`drape`), and a draped map to a level.
+    /// heights of another map on the same grid (`drape`). A draped map is continued to a level.
     ///
     /// Use `map_continue` to bring a map to the flight height, or to bring several maps to one height before they are
     /// combined. Upward continuation is stable, because it smooths the field. Downward continuation amplifies short
     /// wavelengths and noise, so it is damped by `alpha_m2`. The damping removes part of the signal. Unknown nodes are
-    /// filled by minimum curvature for the transform and are unknown again in the result. The field beyond the map's
-    /// edges is unknown. Keep the change of height below 1/50 of the map's shorter side, or remove the edges
-    /// afterwards.
+    /// filled by minimum curvature for the transform and are unknown again in the result. The result has errors near
+    /// the map's edges, because the field beyond them is unknown. Keep the change of height below 1/50 of the map's
+    /// shorter side, or remove the edges afterwards.
     ///
     /// These are rejected: a map without a known height, a derivative of a draped map, and a `drape` that is on another
     /// grid or has one height for all nodes.
@@ -54,12 +54,12 @@ map   = "map_fill"
 to_m  = 400.0
 "#;
     /// Height above the WGS-84 ellipsoid to which the map is continued.
-    to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
-    /// Returns a derivative in nT/m (`up2`: nT/m2) instead of the field.
+    to_m: Option<f64>, unit "m", absent "the heights of `drape` if it is given, otherwise the map's own height";
+    /// Derivative that is returned instead of the field, in nT/m (`up2`: second vertical derivative, in nT/m2).
     derivative: Option<DerivativeDirection>, unit "", absent "the field itself";
     /// Damping of downward continuation. `auto` uses the corner of the L-curve.
     alpha_m2: NumberOrAuto, unit "m2", default NumberOrAuto::Auto, rule Rule::NotNegative;
-    /// Keeps values at nodes where the input map has none.
+    /// Keeps the result at nodes that are unknown in the input map.
     keep_filled: bool, unit "", default false;
 }
 

@@ -18,10 +18,11 @@ stage! {
     ///
     /// Use `map_convert` to bring maps onto one grid, or to remove the edges of a continued map. Resampling uses
     /// polynomials of degree nine, and of lower degree near edges and unknown nodes. A node within two nodes of an
-    /// unknown node becomes unknown. Stages that interpolate a map project positions themselves, so a map need not be
-    /// converted for them.
+    /// unknown node becomes unknown. Stages that interpolate a map also project the positions, so a map need not be
+    /// converted for these stages.
     ///
-    /// Bounds outside the map are rejected, and so is the periodic extension of a map that is draped or has gaps.
+    /// Bounds outside the map are rejected. The periodic extension of a map that is draped or has gaps is also
+    /// rejected.
     MapConvert = "map_convert", version 1, grain Map, inputs [map: Map],
     example r#"
 [[stages]]
@@ -35,7 +36,7 @@ trim    = true
     /// EPSG code of the coordinate system to which the map is resampled, such as 4326 or 32754.
     to_epsg: Option<usize>, unit "", absent "the map's own coordinate system", rule Rule::Between(1.0, 65535.0);
     /// Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
-    spacing: Option<f64>, unit "", absent "at most the spacing of the map", rule Rule::Positive;
+    spacing: Option<f64>, unit "", absent "a spacing no larger than the spacing of the map", rule Rule::Positive;
     /// Bounds of the part to keep: west, south, east and north, in the new coordinate system.
     bounds: Option<Vec<f64>>, unit "", absent "the whole map";
     /// Removes rows and columns without values at the edges.

@@ -42,12 +42,13 @@ choice! {
 }
 
 stage! {
-    /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
+    /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from the nodes around each
+    /// gap.
     ///
-    /// The other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
-    /// Their difference from the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
-    /// information about the anomaly there. `minimum_curvature` is suitable for gaps of a few nodes. No method is
-    /// suitable for large gaps.
+    /// The other maps are converted to the coordinate system of the map to be filled. Lower maps are continued upward
+    /// to its height. The difference between each of these maps and the map to be filled is estimated in the overlap
+    /// and removed (`bias`). Values filled from the nodes around a gap contain no information about the anomaly in the
+    /// gap. `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large gaps.
     ///
     /// A map of `with` that is higher than the map to be filled is rejected. A draped map together with other maps is
     /// also rejected.
@@ -62,7 +63,7 @@ map    = "map_grid"
 with   = ["anomaly"]
 method = "minimum_curvature"
 "#;
-    /// Method that fills gaps from their surroundings: `knn`, the mean of the nearest known nodes; `harmonic`, a
+    /// Method that fills gaps from the nodes around them: `knn`, the mean of the nearest known nodes; `harmonic`, a
     /// harmonic surface, which stays between the values around the gap; `minimum_curvature`, which continues the slope
     /// at the gap's edge; or `none`.
     method: GapFillMethod, unit "", default GapFillMethod::Knn;
@@ -74,7 +75,8 @@ method = "minimum_curvature"
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
     /// Width of the transition between two maps at their common edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Difference between the other maps and the map. It is estimated in the overlap and removed from the other maps.
+    /// Form of the difference that is estimated in the overlap and removed from the other maps: a `constant` or a
+    /// `plane`. `nothing` removes no difference.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
     /// Extends the map to the combined extent of all maps.
     extend: bool, unit "", default false;

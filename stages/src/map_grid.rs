@@ -57,18 +57,19 @@ stage! {
     /// their crossings, removes outliers, and fits a surface.
     ///
     /// Use `map_grid` to make a navigation map from the survey lines that `where` selects. `equivalent_sources` gives a
-    /// potential field on a level, which can be continued. By default the level is the height of the highest point.
-    /// `minimum_curvature` interpolates at the heights flown and requires no heights. Levelling is part of this stage
-    /// because crossings are found among the points that are gridded, in the map's coordinates and after the reduction
-    /// to blocks. Do not grid the lines that are navigated: the map would then contain the field along them.
+    /// potential field at one height, by default the height of the highest point. The potential field can be continued
+    /// to other heights. `minimum_curvature` interpolates the values at the flight heights, and does not require
+    /// heights. Levelling is part of this stage because it uses the crossings of the points that are gridded: in the
+    /// map's coordinates, after the reduction to blocks. Do not grid the lines that are navigated, because the map
+    /// would then contain the field measured along these lines.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
     /// rejected: a level below the points, a spacing wider than the area, levelling of lines that do not cross, and a
     /// core field for points without a date.
     ///
-    /// With `cross_validate`, every line is predicted from other lines. The column `error` then holds the expected
-    /// error of each node.
+    /// With `cross_validate`, every line is predicted from a map of other lines. The column `error` then holds the
+    /// expected error of each node.
     ///
     /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
     /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
@@ -94,7 +95,7 @@ level_m   = 300.0
     remove_diurnal: bool, unit "", default false;
     /// Order of the polynomial that levels each line: 0 for a constant, 1 for a linear correction, and so on.
     level_order: Option<usize>, unit "", absent "no levelling", rule Rule::Between(0.0, 8.0);
-    /// Largest height difference between two lines at a crossing.
+    /// Largest height difference between two lines at a crossing that is used for levelling.
     crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
     /// Gridding method.
     method: GridSurfaceMethod, unit "", default GridSurfaceMethod::EquivalentSources;
@@ -107,15 +108,16 @@ level_m   = 300.0
     /// Tension of the minimum-curvature surface.
     tension: f64, unit "1", default 0.25, rule Rule::Between(0.0, 1.0);
     /// West, south, east and north bounds of the map: eastings and northings in metres.
-    bounds: Option<Vec<f64>>, unit "m", absent "all points";
+    bounds: Option<Vec<f64>>, unit "m", absent "the extent of all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m",
         absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
     /// Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
-    /// Keeps points that deviate from their line, and points far from all others.
+    /// Keeps outliers along a line, and points far from all others.
     keep_outliers: bool, unit "", default false;
-    /// Omits every n-th line in turn and predicts it from the others.
+    /// Number n of folds of the cross-validation: every n-th line is omitted in turn and predicted from the other
+    /// lines.
     cross_validate: Option<usize>, unit "1", absent "no cross-validation", rule Rule::Between(2.0, 65535.0);
     /// EPSG code of the map's coordinate system.
     to_epsg: Option<usize>, unit "", absent "the coordinate system of the points, or their UTM zone",

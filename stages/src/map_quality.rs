@@ -21,24 +21,25 @@ use crate::{
 stage! {
     /// Appends measures of a map's usefulness for navigation along a planned or flown track. `map_gradient_n` and
     /// `map_gradient_e` are the slopes of the map to the north and east, and `map_gradient` is the magnitude of the
-    /// slope. `map_sd_sample` is the position accuracy of one measurement along that slope. `map_sd_expected` is the
-    /// expected root mean square horizontal error from the measurements within `window_s` about the sample. Use
-    /// `map_quality` to plan flights over informative parts of a map, and to find where the map limits the accuracy of
-    /// any filter.
+    /// slope. `map_sd_sample` is the standard deviation of the position, along that slope, from one measurement.
+    /// `map_sd_expected` is the expected root mean square horizontal error from the measurements within `window_s`
+    /// about the sample. Use `map_quality` to plan flights over informative parts of a map, and to find where the map
+    /// limits the accuracy of any filter.
     ///
-    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the square root of the
-    /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an
-    /// unbiased filter that has exact knowledge of its motion within the window but no earlier position. It assumes
-    /// independent sample errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and
-    /// of the temporal variation are correlated. In this case, multiply `sigma_nt` by the square root of the number of
-    /// correlated samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an
-    /// unknown constant. `map_position_bound` of `score` is this bound over the whole line.
+    /// `map_sd_sample` is `sigma_nt` divided by `map_gradient`. `map_sd_expected` is the Cramér-Rao bound: the square
+    /// root of the trace of the inverse Fisher information sum(g g')/`sigma_nt`^2 of the slopes g in the window. The
+    /// bound holds for an unbiased filter that has exact knowledge of its motion within the window but no earlier
+    /// position. The bound assumes independent sample errors with standard deviation `sigma_nt`. At ten samples per
+    /// second, however, errors of the map and of the temporal variation are correlated. In this case, multiply
+    /// `sigma_nt` by the square root of the number of samples within the correlation time. `unknown_constant` subtracts
+    /// the mean slope, which gives the bound for a measurement with an unknown constant. `map_position_bound` of
+    /// `score` is the bound with an unknown constant over the whole line.
     ///
-    /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
-    /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
-    /// The slope of the core field is not included.
+    /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both
+    /// standard deviations are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window
+    /// have one direction. The slope of the core field is not included.
     ///
-    /// A line without a sample on the map is rejected, and so are times that do not increase.
+    /// A line is rejected if none of its samples is on the map, or if its times do not increase.
     ///
     /// Source: Kay 1993, section 3.7; Gnadt 2022, section 2.3.
     MapQuality = "map_quality", version 2, grain Line, inputs [input: Lines, map: Map],
@@ -51,7 +52,7 @@ map      = "anomaly"
 window_s = 20.0
 "#;
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
-    /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
+    /// computed at the true position have the role truth; a model can use them as features only with `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Standard deviation of the error of each sample, including errors of the sensor, the map and the compensation.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;

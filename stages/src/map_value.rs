@@ -23,8 +23,8 @@ stage! {
     ///
     /// By default, the map is used at its own height, and `map_grad_u` is 0. `map_levels_m` gives the heights to which
     /// the map is continued. The stage interpolates between these levels, so that the values follow climbs and
-    /// descents. The result is NaN for a sample more than half a step above or below the levels. Downward continuation
-    /// amplifies short wavelengths, so keep the levels at or above the height of the map.
+    /// descents. The result is NaN for a sample that is outside the levels by more than half the distance between two
+    /// levels. Downward continuation amplifies short wavelengths, so keep the levels at or above the height of the map.
     ///
     /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
     MapValue = "map_value", version 5, grain Line, role ReadsMap, inputs [input: Lines, map: Map],
@@ -37,7 +37,7 @@ map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
     /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
-    /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
+    /// computed at the true position have the role truth; a model can use them as features only with `allow_truth`.
     position: Option<PositionSource>, unit "",
         absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
     /// Interpolation of the map. The field above its sources is smooth, so spline interpolation is more accurate than

@@ -32,16 +32,17 @@ stage! {
     ///
     /// B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u \|k\|
     ///
-    /// The direction f is the direction at the centre of the map. It follows from `decimal_year`, or from
-    /// `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to true north.
+    /// The direction f applies to the centre of the map, and follows from `decimal_year`, or from `inclination_deg` and
+    /// `declination_deg`. On a projected map, grid north is corrected to true north.
     ///
     /// \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified by up to 1/sin \|I\|.
     /// Near the magnetic equator, waves whose k is perpendicular to the core field are missing from the map. At
     /// inclinations below 15 degrees, these waves are damped, the components are too small, and a warning is reported.
-    /// The mean and the trend of a map have no direction. They are assumed to be parallel to the core field. The field
-    /// beyond the map's edges is unknown; discard a margin of 15 nodes. Within this margin, components of dipoles below
-    /// the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5
-    /// degrees. Unknown nodes are filled by minimum curvature for the transform and are unknown again in the result.
+    /// The mean and the trend of a map give no information on direction, and are assumed to be parallel to the core
+    /// field. The field beyond the map's edges is unknown; discard a margin of 15 nodes. In the remaining area,
+    /// components of dipoles below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16
+    /// degrees, and 8 to 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for the transform and are
+    /// unknown again in the result.
     ///
     /// The result has the unit nT, but it is not a total-field anomaly: do not navigate with it. These are rejected: a
     /// draped map, a map of a derivative, and a direction that is missing or given twice.
@@ -60,7 +61,7 @@ decimal_year = 2020.5
     /// Component of the field.
     component: VectorComponent, unit "", default VectorComponent::Down;
     /// Date of the core field (IGRF-14) that gives the direction.
-    decimal_year: Option<f64>, unit "a", absent "`inclination_deg` and `declination_deg` give the direction",
+    decimal_year: Option<f64>, unit "a", absent "the direction follows from `inclination_deg` and `declination_deg`",
         rule Rule::Between(1900.0, 2030.0);
     /// Inclination of the core field, downward from the horizontal.
     inclination_deg: Option<f64>, unit "deg", absent "the inclination of the core field",
@@ -68,7 +69,7 @@ decimal_year = 2020.5
     /// Declination of the core field, from true north to east.
     declination_deg: Option<f64>, unit "deg", absent "the declination of the core field",
         rule Rule::Between(-180.0, 180.0);
-    /// Keeps values at nodes where the input map has none.
+    /// Keeps the result at nodes that are unknown in the input map.
     keep_filled: bool, unit "", default false;
 }
 

@@ -74,37 +74,41 @@ stage! {
     /// Corrects an INS by matching the compensated field to an anomaly map with one of the filters below.
     ///
     /// The states are the errors of the INS (truth minus INS) and the temporal variation. The estimate is the INS value
-    /// plus the state. Each row holds the state a posteriori. `update` gives the outcome for the measurement: `used`;
-    /// `missing` (NaN); `off_map` (predicted position off the map or in a cell with an unknown node); `gated`
-    /// (outlier); `flat` (map too flat to observe the position, `flat_over_m`); `unused` (not needed by the filter). If
-    /// no measurement is used, the filter makes only the time update, and `residual` and `nis` are NaN.
+    /// plus the state. Each row holds the estimate after the measurement update of its sample (a posteriori). `update`
+    /// gives the outcome for the measurement: `used`; `missing` (NaN); `off_map` (predicted position off the map or in
+    /// a cell with an unknown node); `gated` (outlier); `flat` (map too flat to observe the position, `flat_over_m`);
+    /// `unused` (not needed by the filter). If the measurement of a sample is not used, the filter makes only the time
+    /// update, and `residual` and `nis` are NaN.
     ///
-    /// On a flat map, without a core field, a measurement corrects only the temporal variation. With a core field, its
-    /// slope also corrects the position slightly. A NaN in an INS column is rejected, and the error message gives its
-    /// row. Missing velocities, specific forces and attitudes are derived from the INS positions. A derived attitude is
-    /// level, with the yaw along the course.
+    /// On a flat map, a measurement corrects only the temporal variation. With `core_field = true`, the slope of the
+    /// core field also corrects the position slightly. A line with a NaN in an INS column is rejected, and the error
+    /// message gives the row. If the INS columns of velocity, specific force or attitude are missing, they are derived
+    /// from the INS positions or velocities. Derived roll and pitch angles are 0, and the derived yaw angle is the
+    /// course.
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
-    /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a
-    /// continued map it is the error of downward continuation: amplified noise plus the field that damping removes. It
-    /// is NaN if the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
+    /// the expected rms error of the map at the mean height of the line, computed from the spectrum of the whole map.
+    /// For a continued map, this is the error of downward continuation: amplified noise plus the field that damping
+    /// removes. The column is NaN if the map's height is unknown. A map in eastings and northings is interpolated on
+    /// its native grid.
     ///
     /// Filters that linearise the map require an initial position error smaller than the distance over which the map is
-    /// nearly linear. `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the
-    /// largest standard deviation at which the linearisation error is below the white noise, or below a third of the
-    /// linear change of the map (median over a minute). A larger initial standard deviation is flagged (`wide_start` in
-    /// the table of warnings), because these filters may then diverge unnoticed. In this case, use
-    /// `filter = "mpf_then_ekf"`.
+    /// nearly linear. `start_sigma` is the standard deviation of the initial position. `start_sigma_limit` is the
+    /// largest standard deviation for which the map is nearly linear. Up to this limit, the linearisation error is
+    /// below the white noise, or below a third of the change that the linearised map predicts (medians over a minute of
+    /// flight). A larger `start_sigma` is flagged (`wide_start` in the table of warnings), because these filters may
+    /// then diverge unnoticed. In this case, use `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
     ///
-    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set to the noise of the
+    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. This value selects the noise of the
     /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
-    /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
-    /// over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the start of the
-    /// line. The assumed variance and time constant of the remaining error are then doubled. With `measurement_sigma_nt
-    /// = "auto"`, the error of bilinear interpolation between nodes is added to the white noise.
+    /// these columns from the lines to which its model was fitted; `residual_noise` and `assume_noise` estimate them
+    /// from lines over a known field. If `offset_window_s` is set, the offset removes the slowly varying error at the
+    /// start of the line. The remaining error is the change since the start, so the variance and the time constant from
+    /// the columns are doubled. With `measurement_sigma_nt = "auto"` and `map_interpolation = "linear"`, the
+    /// interpolation error is added to the white noise.
     Navigate = "navigate", version 13, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],

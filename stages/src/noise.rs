@@ -25,11 +25,12 @@ stage! {
     /// `fit` estimates the noise from the residual on its calibration lines. This noise therefore includes the anomaly
     /// and the effect of manoeuvres. `residual_noise` is more realistic: it uses lines flown over a map as in
     /// navigation, and includes the error of the map. `assume_noise` assigns the result to other lines, and `navigate`
-    /// uses it for noise parameters that are `"auto"`. Do not select the lines that are navigated.
+    /// uses it for noise parameters that are `"auto"`. Do not select the lines that are navigated: their scores would
+    /// be in sample.
     ///
-    /// The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts that together bound
-    /// the Allan variance of the lines. A constant error has no effect. A time constant longer than the lines cannot be
-    /// resolved. Lines without a run of 16 s are rejected.
+    /// The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts whose combined Allan
+    /// variance is nowhere below the Allan variance of the lines. A constant error has no effect. A time constant
+    /// longer than the lines cannot be resolved. Lines without 16 s of uninterrupted data are rejected.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     ResidualNoise = "residual_noise", version 2, grain Survey, inputs [input: Lines],
@@ -44,12 +45,13 @@ truth = "mag_1_c"
     mag: String, unit "nT", default "mag_c";
     /// Column of the true field, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (computed by `map_value`) and, if \
-        present, `diurnal`, except those already removed from `mag`";
+        present, `diurnal`, without the fields already removed from `mag`";
 }
 
 stage! {
     /// Appends the noise parameters that `residual_noise`, `fogm_noise` or `fit` estimated: `mag_sigma`,
-    /// `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples. These columns replace those from `compensate`.
+    /// `mag_fogm_sigma` and `mag_fogm_tau`, each with the same value at all samples. They replace the columns of the
+    /// same names from `compensate`.
     AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
     example r#"
 [[stages]]

@@ -31,18 +31,18 @@ use crate::{
 
 stage! {
     /// Trains the network that sets the noise of the filter `nekf`, on the lines that `where` selects. Do not select
-    /// the lines that are navigated.
+    /// the lines that are navigated: their scores would be in sample.
     ///
-    /// The network minimises the negative log-likelihood of the innovations, which requires no truth. With `loss =
-    /// "position"` it minimises the negative log-likelihood of the true position, `lat` and `lon`. The derivatives of
+    /// Training minimises the negative log-likelihood of the innovations, which requires no truth. With `loss =
+    /// "position"`, it minimises the negative log-likelihood of the true position, `lat` and `lon`. The derivatives of
     /// the loss are propagated back through the network and through the covariance and state of the filter. Lines are
-    /// prepared as in `navigate`, which has the same keys; set them to the same values in both stages. With `tuning =
-    /// "auto"` the noise of each line is estimated first, and the network learns how the noise changes along the line.
+    /// prepared as in `navigate`. Set the keys that both stages share to the same values. With `tuning = "auto"` the
+    /// noise of each line is estimated first, and the network learns how the noise changes along the line.
     ///
     /// The table holds the weights, the scaling of the inputs, and the mean loss of each epoch (`epoch_loss`;
-    /// `initial_loss` is the loss of `ekf`). A loss that does not fall means that the inputs do not predict the noise;
-    /// the filter then equals `ekf`. Rows that `where` does not select have no measurement. Lines with different sample
-    /// rates are rejected.
+    /// `initial_loss` is the loss of `ekf`). If the loss does not decrease, the inputs do not predict the noise, and
+    /// the filter equals `ekf`. The filter runs over whole lines, and rows that `where` does not select have no
+    /// measurement. Lines with different sample rates are rejected.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Kingma & Ba 2015.
     NoiseNetworkStage = "noise_network", version 1, grain Survey, inputs [input: Lines, map: Map],
@@ -59,14 +59,15 @@ epochs          = 2
 "#;
     /// Noise that the network sets: measurement noise (`"r"`), noise of the temporal variation (`"q"`), or both.
     network_noise: NetworkNoise, unit "", default NetworkNoise::R;
-    /// Quantity whose negative log-likelihood is the loss: the innovations or the true position.
+    /// Quantity whose negative log-likelihood is the loss: the innovations (`likelihood`) or the true position
+    /// (`position`).
     loss: NoiseLoss, unit "", default NoiseLoss::Likelihood;
     /// Columns that are additional inputs of the network, such as electric currents. Values that are not finite are
     /// rejected.
     features: Option<Vec<String>>, unit "", absent "none";
-    /// Number of units in the layer of the network.
+    /// Number of units in the long short-term memory layer of the network.
     hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 256.0);
-    /// Largest factor by which the network multiplies a standard deviation. The smallest factor is its inverse.
+    /// Largest factor by which the network multiplies a standard deviation. The smallest factor is 1/`limit`.
     limit: f64, unit "1", default 10.0, rule Rule::Between(1.01, 1e4);
     /// Number of passes through the lines.
     epochs: usize, unit "1", default 30usize, rule Rule::Between(1.0, 1e5);

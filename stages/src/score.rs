@@ -65,10 +65,10 @@ stage! {
     /// `input` names one or several tables with the same samples, for example the table of the compensated signal and
     /// the table of the track. If `metrics` is unset, the stage scores all built-in metrics that can be computed from
     /// these tables. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of samples (for crossings:
-    /// number of pairs). Rows with a NaN are excluded from a metric and its `n`; a metric without samples has a null
-    /// value. A metric that cannot be computed for a line, for example because `high_hz` exceeds half the sample rate,
-    /// has a null value and the reason in `note`. The other metrics are kept. The run reports a warning, or fails if
-    /// `metrics` lists the metric.
+    /// number of pairs). Samples with a NaN are excluded from a metric and from its `n`. A metric without samples has a
+    /// null value. A metric that cannot be computed for a line, for example because `high_hz` exceeds half the sample
+    /// rate, has a null value and the reason in `note`. The other metrics are kept. The run reports a warning; if
+    /// `metrics` lists the metric, the run fails.
     ///
     /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
     /// score, or to choose a parameter in a search. Such a score measures the error of the fit, not of a prediction,
@@ -77,22 +77,25 @@ stage! {
     /// to other lines.
     ///
     /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
-    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius,
-    /// `spread` holds quantiles of the samples' errors, from which the pooled radius is computed.
+    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius
+    /// (`cep`, `r95`), `spread` holds quantiles of the samples' errors, from which the pooled radius is computed.
     ///
-    /// With `truth`, errors are relative to the truth. Without it, `std_uncompensated` and the ratios are computed from
-    /// the signals alone and include the anomaly. The run lists the metrics that require `truth`.
+    /// With `truth`, errors are relative to the truth. Without `truth`, `std_uncompensated` and the improvement ratios
+    /// are computed from the signals alone and include the anomaly. The run then lists the metrics that require
+    /// `truth`.
     ///
-    /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
-    /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
-    /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound on a constant horizontal position
-    /// offset when the measurement also contains an unknown constant. It assumes independent sample errors of
-    /// `map_sigma_nt`; correlated errors, such as those of maps and the temporal variation, increase the actual error.
+    /// An input table computed by `map_value` adds metrics of the map: the agreement of the signal with the map, the
+    /// slope of the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal`
+    /// are first subtracted from the signal. `map_position_bound` is the Cramér-Rao bound on a constant horizontal
+    /// position offset when the measurement also contains an unknown constant. It assumes independent sample errors of
+    /// `map_sigma_nt`. Correlated errors, such as errors of the map and the temporal variation, make the actual
+    /// position error larger than the bound.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests with a 95 %
-    /// band. `whiteness`, `error_within_3sigma` and `divergence` are fractions of lags or of samples. For a consistent
-    /// filter, their expected values are known. Innovations on both sides of a sample without a measurement do not
-    /// count as neighbours. `correlated_nis` is the NIS of averages of innovations.
+    /// band. `whiteness` is a fraction of lags; `error_within_3sigma` and `divergence` are fractions of samples. The
+    /// expected values of these metrics for a consistent filter are known. The innovations before and after a sample
+    /// without a measurement do not count as consecutive. `correlated_nis` is the NIS of averages of many innovations,
+    /// which shows whether correlated innovations make the covariance too small.
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
     /// Kirubarajan 2001, section 5.4; Mehra 1970.

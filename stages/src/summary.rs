@@ -25,18 +25,18 @@ stage! {
     /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
     /// Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are weighted by the number
-    /// of samples. `cep` and `r95` are radii of the samples of all lines. Sample counts are added. The bounds of the
-    /// interval are percentiles over `draws` resamples of the lines, drawn with replacement. Whole lines are resampled
-    /// because the errors within a line are correlated. A single line has no interval (null).
+    /// of samples. `cep` and `r95` are computed from the samples of all lines. Sample counts are added. The bounds of
+    /// the interval are percentiles over `draws` resamples of the lines, drawn with replacement. Whole lines are
+    /// resampled because the errors within a line are correlated. A single line has no interval (null).
     ///
-    /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the in-sample
-    /// lines, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
-    /// scores, or to choose a parameter in a search. The table `scores_pooled` also pools the in-sample lines if other
-    /// lines exist.
+    /// Each metric is pooled over the lines that are not in sample. If none of these lines has a value, the metric is
+    /// pooled over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to make a model,
+    /// noise or map behind its scores, or to choose a parameter in a search. The table `scores_pooled` also pools the
+    /// in-sample lines if other lines exist.
     ///
-    /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled
-    /// `std_error` of all other lines, in sample or not, divided by the pooled `std_error` of the training lines.
-    /// Without `std_error` it uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as
+    /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. This ratio is
+    /// the pooled `std_error` of all other lines, in sample or not, divided by the pooled `std_error` of the training
+    /// lines. Without `std_error`, the ratio is computed from `map_std_error`. The ratio is 1 for a model that is as
     /// accurate on new lines as on its training lines, and larger for one that overfits. For its interval, training
     /// lines and other lines are resampled separately.
     ///

@@ -28,31 +28,32 @@ use crate::{
 
 stage! {
     /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
-    /// regression. `sd` is the standard deviation of each node.
+    /// regression. `sd` is the standard deviation of the map error at each node.
     ///
     /// Use `track_map` to plot and score an anomaly that was measured without a map, and to navigate on it. `track` is
-    /// the table of a `navigate` stage, for example with the filter `slam`. Its `lat`, `lon` and `alt` are the
-    /// positions of the measurements in `input`. Without `track`, the positions are the flight's own `lat`, `lon` and
-    /// `alt`, from GNSS. If the survey lines require levelling and the removal of outliers, use `map_grid`.
+    /// the table of a `navigate` stage, for example with the filter `slam`. The columns `lat`, `lon` and `alt` of
+    /// `track` are the positions of the measurements in `input`. Without `track`, the positions are the flight's own
+    /// `lat`, `lon` and `alt`, from GNSS. If the survey lines require levelling and the removal of outliers, use
+    /// `map_grid`.
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// number of equations therefore does not depend on the length of the flight. Each line may have its own constant,
-    /// and each flight its own temporal variation. The kernel is the same as in `slam`, fitted by maximum likelihood to
-    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
-    /// noise.
+    /// and each flight its own temporal variation. The kernel (covariance function) is the same as in `slam`. Its
+    /// hyper-parameters are fitted by maximum likelihood to segments of the lines. The map is at the mean height of the
+    /// measurements; height differences are treated as noise.
     ///
-    /// The effect of the track's position covariance (`sd_n`, `sd_e`, `cov_ne`) on a sloping map counts as measurement
-    /// noise and is included in `sd`. An error common to the whole track shifts the map. The measurements do not reveal
-    /// it, so `sd` is only as accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are
-    /// unknown.
+    /// On a sloping map, a position error of the track causes an error of the field. This error is computed from the
+    /// track's covariance (`sd_n`, `sd_e`, `cov_ne`), treated as measurement noise, and included in `sd`. A position
+    /// error common to the whole track shifts the map. The measurements do not reveal this shift, so `sd` is only as
+    /// accurate as the covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
     ///
-    /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects a
-    /// track whose samples differ from those of its line, a core field without a date, and an area that is too large
-    /// for the kernel length. Divide such an area with `bounds`; measurements more than three kernel lengths beyond the
-    /// bounds are skipped.
+    /// Rows without a position, a standard deviation of the position, a height or a measurement are skipped. The stage
+    /// rejects a track whose samples differ from the samples of the line, a core field without a date, and an area that
+    /// is too large for the kernel length. Divide such an area with `bounds`; measurements more than three kernel
+    /// lengths beyond the bounds are skipped.
     ///
     /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset,
-    /// Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
+    /// Kullberg, Wesel and Solin 2024 (normal equations); McHutchon and Rasmussen 2011 (input noise).
     TrackMap = "track_map", version 2, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
     example r#"
 [[stages]]
@@ -68,20 +69,21 @@ spacing_m       = 500.0
 "#;
     /// Column of the measured field.
     mag: String, unit "nT", default "mag_c";
-    /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false`: the measurement
-    /// is an anomaly.
+    /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false` means that the
+    /// measurement is an anomaly.
     core_field: bool, unit "", default true;
-    /// Date of the core field as a decimal year. Replaces the flight's date.
+    /// Date of the core field as a decimal year. It replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
     remove_diurnal: Option<bool>, unit "",
         absent "true if the flight has a column `diurnal` that has not yet been subtracted from the measurement";
     /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the spec.
+    /// Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines (`fitted`), or the spec
+    /// (`fixed`).
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation, north and east, of an additional position error of the track. This error is one that the
-    /// track's covariance omits, such as the error of `slam` before its first revisit.
+    /// Standard deviation, north and east, of a position error that the track's covariance omits, such as the error of
+    /// `slam` before the first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -91,17 +93,17 @@ spacing_m       = 500.0
     length_m: Option<f64>, unit "m", absent "150 m", rule Rule::Positive;
     /// Standard deviation of the noise of an averaged measurement; if it is fitted, the initial value of the search.
     sigma_n_nt: Option<f64>, unit "nT", absent "1 nT", rule Rule::NotNegative;
-    /// Standard deviation of the temporal variation; 0 for none.
+    /// Standard deviation of the temporal variation. 0 assumes no temporal variation.
     fogm_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Time constant of the temporal variation.
     fogm_tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
-    /// Standard deviation of the constant of each line, if there are several lines; 0 for none.
+    /// Standard deviation of the constant of each line, if there are several lines. 0 assumes no such constants.
     line_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "a sixth of the kernel length", rule Rule::Positive;
     /// West, south, east and north bounds of the map: eastings and northings in metres.
-    bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
-    /// Largest standard deviation of a known node. Nodes with a larger one are unknown.
+    bounds: Option<Vec<f64>>, unit "m", absent "the extent of all measurements";
+    /// Largest standard deviation of a known node. Nodes with a larger standard deviation are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
     /// Maximum number of functions in the expansion of the anomaly. Computing time grows with the third power of this
     /// number.

@@ -65,7 +65,7 @@ fn section(entry: &StageEntry) -> String {
     let mut out = format!("## `{}` (version {})\n\n{}\n\n", entry.name, entry.version, entry.doc);
     let grain = match entry.grain {
         Grain::Line => "one line at a time",
-        Grain::Survey => "all lines that its `where` selects",
+        Grain::Survey => "all lines that `where` selects",
         Grain::Map => "whole maps",
     };
     let input = |i: &InputDecl| {

@@ -17,9 +17,8 @@ params! {
     /// GNSS positions that aid a filter in addition to the magnetic field.
     pub struct Aiding;
     /// Times at which GNSS is lost and recovered, in seconds from the first sample of the line. Before the loss and
-    /// after the recovery, the GNSS position (columns `gnss`) aids the filter. With `[0.0, 600.0]` the line starts
-    /// without GNSS, which is recovered after ten minutes. A recovery time after the end of the line means that GNSS is
-    /// not recovered.
+    /// after the recovery, the GNSS position (columns `gnss`) aids the filter. With `[0.0, 600.0]`, GNSS is missing for
+    /// the first ten minutes of the line. If the recovery time is after the end of the line, GNSS is never recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
     /// Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid (m).
     gnss: Option<[String; 3]>, unit "",
@@ -30,14 +29,15 @@ params! {
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. This
-    /// noise is reproducible for each line. Without added noise, simulated positions are exact, and the filter appears
-    /// more accurate than with real GNSS.
-    gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns whose role is `truth`";
-    /// Tests each GNSS position against the INS position, by a chi-square test of this position and by a cumulative sum
-    /// over earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is
-    /// detected after about 10 s; all positions since the start of the drift are then rejected. Positions are accepted
-    /// again after ten consecutive positions agree with the INS. `gnss_update` is appended even if this key is false.
+    /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. The
+    /// added noise of a line is the same in every run. Without added noise, true positions are exact, and the filter
+    /// appears more accurate than with real GNSS.
+    gnss_noise: Option<bool>, unit "", absent "true if the columns of `gnss` have the role `truth`";
+    /// Tests each GNSS position against the INS position and does not use rejected positions. A chi-square test of each
+    /// position detects a jump at once. A cumulative sum over earlier positions detects a drift of 1 m/s after about 10
+    /// s. The test then also rejects the positions since the start of the drift. Positions are accepted again after ten
+    /// consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected` or `none`) is appended
+    /// even if this key is false.
     gnss_test: bool, unit "", default true;
 }
 

@@ -26,22 +26,23 @@ params! {
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
     /// Standard deviation of the zero-mean prior of an induced coefficient, unless `model` supplies a prior.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
-    /// Prior standard deviation of an eddy coefficient. Its term is the change of the field from sample to sample
-    /// divided by the scale. The value is multiplied by the sample rate of the line.
+    /// Prior standard deviation of an eddy coefficient at one sample per second. An eddy term contains the change of
+    /// the field from one sample to the next, so this value is multiplied by the sample rate of the line.
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
     /// Prior standard deviation of the constant `bias`.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
-    /// Prior standard deviation of any other term, such as an electric current, in nT per unit of its column. A current
-    /// loop in the cabin causes a few nT per ampere.
+    /// Prior standard deviation of the coefficient of any other term, such as an electric current, in nT per unit of
+    /// the term. A current loop in the cabin causes a few nT per ampere.
     input_sigma_nt: f64, unit "nT", default 20.0, rule Rule::Positive;
-    /// Prior standard deviation of each harmonic of the magnetometer's heading error: the first, second and fourth
-    /// harmonics of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
-    /// `vector`.
+    /// Prior standard deviation of each harmonic of the magnetometer's heading error. The terms `heading_1`,
+    /// `heading_2` and `heading_4` are the first, second and fourth harmonics of the angle between the sensor axis and
+    /// the field. This key requires `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
-    /// Factor on the prior standard deviations from `model`. For one calibration, these are the standard deviations of
-    /// its fit. For several, they are the scatter between the calibrations. Coefficients of differences per sample are
-    /// converted from the rate of the fit to the rate of the line. At rates below about 5 Hz, the differences are
-    /// inaccurate in manoeuvres. They underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6.
+    /// Factor on the prior standard deviations from `model`. A single calibration supplies the standard deviations of
+    /// its fit. Several calibrations supply the scatter between them. Some terms, such as eddy terms, are differences
+    /// between samples. The coefficients of these terms are converted from the sample rate of the fit to the sample
+    /// rate of the line. At rates below about 5 Hz, the differences are inaccurate in manoeuvres: they underestimate a
+    /// change at frequency f by the fraction (2 pi f / rate)^2 / 6.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 

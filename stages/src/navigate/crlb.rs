@@ -22,15 +22,15 @@ pub(crate) const DRMS_BOUND: &str = "drms_bound";
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {
-    /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. It reads the true
-    /// positions (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. Compare the bound with the error of
-    /// a filter's track to see whether the error is due to the filter or to the flight.
+    /// The Cramér-Rao bound: the smallest error of any filter with the same models on the same flight. The filter
+    /// `crlb` evaluates the covariance along the true positions (`lat`, `lon`, `alt`). Compare the bound with the error
+    /// of another filter's track to see whether this error is due to the filter or to the flight.
     ///
-    /// It makes no estimate. Its positions are the true positions, so `score` gives no error for them. Its `sd_n`,
-    /// `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; a search never
-    /// selects a point by it. `residual` is the measurement minus the field at the true position. `nis` is the square
-    /// of this residual divided by its variance under the assumed noise. A mean of 1 confirms the assumed noise. `vn`,
-    /// `ve` and `vd` are the velocity of the INS.
+    /// `crlb` makes no estimate: its track consists of the true positions, so `score` gives no error for it. The
+    /// columns `sd_n`, `sd_e` and `drms_bound` hold the bound at each sample. The metric `drms_bound` is the bound over
+    /// the line; a search never selects a point by this metric. `residual` is the measurement minus the field at the
+    /// true position. `nis` is the square of this residual divided by its variance under the assumed noise. A mean
+    /// `nis` of 1 confirms the assumed noise. `vn`, `ve` and `vd` hold the velocity of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
     Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements],

@@ -16,21 +16,22 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro biases, barometer loop,
-    /// and temporal variation. The map is linearised at the estimated position of each sample.
+    /// The extended Kalman filter with 18 states: position, velocity, tilt, accelerometer and gyro biases, barometer
+    /// loop, and temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// With `tuning = "auto"` the innovation variance includes the effect of the map's curvature within the position
     /// uncertainty, from second-order divided differences [Nørgaard, Poulsen & Ravn 2000]. Without this term, the first
-    /// updates after a coarse start reduce the covariance too far.
+    /// updates after an inaccurate start reduce the covariance too far.
     ///
-    /// Source: Gnadt 2022, section 5.3, with discretised process noise. F and H are verified by finite differences.
+    /// Source: Gnadt 2022, section 5.3, with discretised process noise. The Jacobians F and H are verified by finite
+    /// differences.
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements],
     example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

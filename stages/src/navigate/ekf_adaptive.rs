@@ -32,14 +32,15 @@ filter! {
     /// accuracy; an adaptive filter loses a few percent. If the noise is known, `ekf` is simpler and as accurate. The
     /// filter cannot separate noise from map errors, so `sigma_min_nt` and `sigma_max_nt` bound its estimate.
     ///
-    /// `sigma_adapted` is the assumed measurement noise of the sample. It starts at `measurement_sigma_nt` and is
-    /// estimated from the window before the sample. With several magnetometers, each has its column
+    /// `sigma_adapted` is the assumed measurement noise of the sample. It starts at `measurement_sigma_nt` and is then
+    /// estimated from the innovations in the window before the sample. With several magnetometers, each has its column
     /// `sigma_adapted_<mag>`, and a magnetometer has less weight when its noise increases.
     ///
     /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With this key, the filter
-    /// estimates one scale factor and keeps the predicted variation over time. If the position error dominates the
-    /// innovations, as after an inaccurate start or a noisy period, they contain little information on the noise. The
-    /// default `form` then changes the noise little; the other forms drive it to one of the bounds.
+    /// estimates one scale factor on this noise and keeps the predicted variation over time. After an inaccurate start
+    /// or a noisy period, the position error dominates the innovations, which then contain little information on the
+    /// noise. In this case, the default `form` changes the noise little, and the other forms move it to one of the
+    /// bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements],
@@ -59,14 +60,14 @@ filter! {
         absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise",
         rule Rule::Positive;
     /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
-    /// default of version 1, subtracts from each squared innovation the covariance predicted at that time.
-    /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all
-    /// squared innovations.
+    /// default of version 1, subtracts from each squared innovation the variance predicted for the same sample.
+    /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the variance predicted for the
+    /// present sample from all squared innovations.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement. Rejected measurements are
     /// used only to estimate the noise.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

@@ -29,19 +29,19 @@ filter! {
     ///
     /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
     /// part the aircraft field is the measurement minus the map and the core field at the GNSS position. Training uses
-    /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
-    /// used twice. Afterwards, the assumed measurement noise is the larger of the training residual and
-    /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
+    /// recursive least squares. During training, GNSS aids the INS, and `update` is `missing`, because the measurement
+    /// is already used for training. Afterwards, the assumed measurement noise is the larger of the training residual
+    /// and `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
-    /// weights then start from this network, and `hidden` and `activation` must equal the values of that fit. The
-    /// recursion then estimates later changes in the weights, and the covariance of the weights. Features that are
-    /// differences per sample are converted to the rate of that fit.
+    /// weights then start from this network, and `hidden` and `activation` must equal the values of that fit. Training
+    /// then estimates the covariance of the weights, and their changes since that fit. Features that are differences
+    /// between samples are converted to the sample rate of that fit.
     ///
-    /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
-    /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes
-    /// the modelling error of the network. The filter is therefore overconfident in conditions outside the training
-    /// data.
+    /// A scalar magnetometer among the features is rejected, because the filter would subtract its own measurement.
+    /// `aircraft` is the aircraft field computed with the weights estimated at the sample. The covariance of the
+    /// weights excludes the modelling error of the network. The filter is therefore overconfident in conditions outside
+    /// the training data.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements],
@@ -57,11 +57,12 @@ gnss_lost_s = [20.0, 1e6]"#;
     seed: usize, unit "", default 0usize;
     /// Number of training passes over the samples.
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
-    /// Time over which the weights are expected to change by their standard deviation at the end of training.
+    /// Time in which the random walk changes each weight by at least the weight's standard deviation at the end of
+    /// training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

@@ -26,29 +26,30 @@ filter! {
     /// map. A constant among the terms (`bias`) absorbs the constant that map and compensation leave undetermined, so
     /// `offset_window_s` is not needed.
     ///
-    /// The prior comes from the calibrations in `model` (one or several tables of `fit`), converted to the rate of the
-    /// line. Without `model` the filter starts cold. A scalar magnetometer among the terms is rejected: the filter
-    /// would subtract its own measurement. `aircraft` is the aircraft field computed with the coefficients estimated at
-    /// the sample. With several magnetometers, each has its column `aircraft_<mag>`. `residual` is the innovation of
-    /// the first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the sample.
+    /// The prior comes from the calibrations in `model` (one or several tables of `fit`), converted to the sample rate
+    /// of the line. Without `model`, the filter starts cold: the prior mean of all coefficients is 0. A scalar
+    /// magnetometer among the terms is rejected, because the filter would subtract its own measurement. `aircraft` is
+    /// the aircraft field computed with the coefficients estimated at the sample. With several magnetometers, each has
+    /// its column `aircraft_<mag>`. `residual` is the innovation of the first magnetometer used at a sample. `nis` is
+    /// the mean over all magnetometers used at the sample.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 2,
     groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
-    /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
-    /// With 0 the coefficients are constants. In a cold start the default is 0, because the wide prior does not
-    /// describe changes in flight.
+    /// Random walk of a coefficient: standard deviation of the change in one hour, divided by the prior standard
+    /// deviation. With 0 the coefficients are constants. In a cold start the default is 0, because the wide prior does
+    /// not describe changes in flight.
     walk_per_hour: Option<f64>, unit "1", absent "0.1 with `model`, else 0.0", rule Rule::NotNegative;
-    /// Standard deviation of the bias of each axis of `vector`, from which the terms are computed. If set, these biases
-    /// are estimated.
-    flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
-    /// Time constant of these biases.
-    flux_bias_tau_s: Option<f64>, unit "s", absent "the bias is constant", rule Rule::Positive;
-    /// Field scale of the terms, as in the `a_matrix` stage that computes them.
+    /// Standard deviation of the bias of each axis of `vector`, the magnetometer of the terms. If set, the filter
+    /// estimates these biases.
+    flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is assumed to be exact", rule Rule::Positive;
+    /// Time constant of the biases of `vector`.
+    flux_bias_tau_s: Option<f64>, unit "s", absent "the biases are constant", rule Rule::Positive;
+    /// Field scale of the terms: `bt_scale_nt` of the `a_matrix` stage that computes the terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

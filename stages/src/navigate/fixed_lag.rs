@@ -22,46 +22,47 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother over sliding windows that estimates the aircraft field while it navigates. Its states are the 18
-    /// states of `ekf`, the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the
-    /// magnetometer. It can start cold with an uncompensated magnetometer: while the INS is accurate to metres at the
-    /// start of the line, the map determines the coefficients.
+    /// A smoother over sliding windows that also estimates the aircraft field. Its states are the 18 states of `ekf`,
+    /// the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. The smoother
+    /// can start with an uncompensated magnetometer and without a calibration. While the INS is accurate to metres, at
+    /// the start of the line, the map determines the coefficients.
     ///
     /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. Each window passes
-    /// the filtered covariance of INS states and coefficients to the next window. Between the ends of windows, a filter
-    /// continues from the last window. Its innovations give one `residual` and one `nis` per `measurement_interval_s`.
-    /// With `lag_s = 0.0` the track corresponds to real-time navigation.
+    /// the filtered covariance of INS states and coefficients to the next window. Between the end of one window and the
+    /// end of the next, a filter continues the track. The innovations of this filter give one `residual` and one `nis`
+    /// per `measurement_interval_s`. With `lag_s = 0.0`, the track corresponds to real-time navigation.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
-    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters that use cabin magnetometers are
-    /// overconfident.
+    /// residual of the linear aircraft model. Without an assumed noise for this residual, a filter with magnetometers
+    /// in the cabin is overconfident.
     ///
-    /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
+    /// Source: fixed-lag factor-graph smoothing for the windows and their prior. Each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
     FixedLag = "fixed_lag", version 2,
     groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
+    /// Fraction of a window that overlaps with the next window. Windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
     /// Delay of the estimate, which uses measurements up to this time after the sample. 0 gives real-time navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// Loss function of a residual: quadratic, or robust to outliers.
+    /// Loss function of a residual: quadratic (`none`), or robust to outliers (`huber`, `cauchy`).
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
     /// Residual above which a robust `loss` departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
-    /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain; 0 for none.
+    /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain. 0 assumes no such
+    /// field.
     aircraft_sigma_nt: Option<f64>, unit "nT",
-        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it",
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes this field",
         rule Rule::NotNegative;
-    /// Time constant of this slowly varying aircraft field.
+    /// Time constant of the slowly varying aircraft field that the coefficients do not explain.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constant
-    /// coefficients.
+    /// Random walk of a coefficient: standard deviation of the change in one hour, divided by the prior standard
+    /// deviation. With 0 the coefficients are constants.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.

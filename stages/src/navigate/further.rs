@@ -23,90 +23,96 @@ params! {
     /// Measurements in addition to the scalar field.
     pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. The difference between their readings, first minus second, measures the
-    /// slope of the map along the line between them. The temporal variation and all other common errors cancel in this
-    /// difference. Cannot be combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
-    /// steps.
+    /// slope of the map along the baseline between them. The temporal variation and all other common errors cancel in
+    /// this difference. This key cannot be combined with `map_interpolation = "linear"`, because the slope of a
+    /// bilinear map has steps.
     gradient: Option<[String; 2]>, unit "nT", absent "the difference is not used";
-    /// Vector from the second magnetometer of `gradient` to the first, in the body frame (nose, right, down). The
-    /// attitude of the INS rotates this vector to the navigation frame. The estimated error of this attitude is part of
-    /// the measurement model.
+    /// Vector from the second magnetometer of `gradient` to the first, in the body frame (nose, right, down). The INS
+    /// attitude rotates this vector to the navigation frame. The measurement model includes the estimated error of the
+    /// INS attitude.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
-    /// Standard deviation of the white noise of the difference.
+    /// Standard deviation of the white noise in the difference between the two magnetometers' readings.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
-    /// Standard deviation of the slowly varying error of the difference. It can result from the undetermined constants
-    /// of the two calibrations.
+    /// Standard deviation of the slowly varying error in the difference between the two magnetometers' readings. Such
+    /// an error is likely, because each calibration leaves a constant undetermined.
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
-    /// Time constant of the slowly varying error of the difference.
+    /// Time constant of the slowly varying error in the difference between the two magnetometers' readings.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error of the map's slope along the line between the magnetometers. Multiplied by the
-    /// baseline, this error gives an error of the difference. Like the map's anomalies, it is correlated along the
-    /// track. `"auto"` uses the maximum-likelihood value from the innovations of the difference. A large value can
-    /// reveal a map made from widely spaced lines. For a map without a vertical slope (one height, no `map_levels_m`),
-    /// the error of the difference is increased by the product of the vertical baseline and the rms slope.
+    /// Standard deviation of the error in the map's slope along the baseline. The error of the predicted difference is
+    /// this error times the length of the baseline. The error is correlated along the track, over the same length as
+    /// the map's anomalies. `"auto"` uses the maximum-likelihood value from the innovations of the difference. A large
+    /// value can reveal a map made from widely spaced lines. A map at one height without `map_levels_m` has no vertical
+    /// slope. The prediction then has an additional error: the height difference between the magnetometers times the
+    /// rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
-    /// Uses the scalar measurement `mag` in the measurement update. With `false`, the update uses only the difference
-    /// and the vector measurement, for example in a magnetic storm.
+    /// Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for example in a magnetic
+    /// storm, and requires the difference (`gradient`) or the vector (`vector_sigma_nt`).
     use_scalar: bool, unit "", default true;
-    /// Standard deviation of the white noise of each component of `vector`. If set, the reading of the vector
-    /// magnetometer becomes a measurement of the total field and of the attitude, except for the rotation about the
-    /// field direction. Requires `core_field` and a vector magnetometer with its own calibration.
-    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not used", rule Rule::Positive;
+    /// Standard deviation of the white noise of each component of `vector`. If set, the vector magnetometer measures
+    /// the total field and the attitude, except for rotation about the field direction. This key requires `core_field =
+    /// true` and a calibrated vector magnetometer.
+    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not a measurement", rule Rule::Positive;
     /// Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a bias of 50 nT
     /// corresponds to an attitude error of 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Time constant of the bias.
+    /// Time constant of the bias of each component of `vector`.
     vector_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the part of each component of the crustal field that a map of the scalar anomaly does not
-    /// determine. A typical value is the standard deviation of the anomaly.
+    /// Standard deviation, per component, of the crustal field that a map of the scalar anomaly leaves undetermined. A
+    /// typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of the part of the crustal field that `vector_crustal_sigma_nt` describes; typically the
-    /// height above the sources.
+    /// Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A typical value is the height
+    /// above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
     /// INS.
     height: Option<String>, unit "m", absent "the height of the INS, aided by its barometer, is used";
     /// Standard deviation of the white noise of the measured height.
     height_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
-    /// Standard deviation of the slowly varying height error due to the weather and the geoid.
+    /// Standard deviation of the slowly varying error of the measured height, caused by the weather and the geoid.
     height_bias_sigma_m: f64, unit "m", default 30.0, rule Rule::NotNegative;
-    /// Time constant of the slowly varying height error.
+    /// Time constant of the slowly varying error of the measured height.
     height_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the map error. If set, the error is a state of the filter, correlated along the track.
+    /// Standard deviation of the map error. If set, the filter estimates the map error as a state that is correlated
+    /// along the track.
     map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
     /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
-    /// Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag is a state of the filter
-    /// and constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0
-    /// omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    /// Prior standard deviation of the lag of the magnetometer's time stamps. If set, the filter estimates the lag as a
+    /// state that is constant along the line. A sample with time stamp `t` was measured at `t` minus the lag. The lag
+    /// may be negative. 0 omits this state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+    /// available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s",
-        absent "time stamps are assumed to be exact; `tuning = \"auto\"` sets 1.0 if a lag clearly increases the \
-            likelihood",
+        absent "time stamps are assumed to be exact; `tuning = \"auto\"` sets 1.0 if a state for the lag clearly \
+            increases the likelihood",
         rule Rule::NotNegative;
     /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
-    /// Causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set, the bias
-    /// is a state of the filter and constant along the line. It changes only the prediction of the total field, not
-    /// `alt`. Requires a map that is continued to a range of heights that contains the bias. Set `map_levels_m`, or
-    /// `tuning = "auto"`, which continues the map to twice this value below and above the line. 0 omits this state.
-    /// Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    /// Possible causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set,
+    /// the filter estimates the bias as a state that is constant along the line. The bias changes only the predicted
+    /// total field, not `alt`. The heights to which the map is continued must include the true height of the aircraft.
+    /// With `tuning = "auto"`, the map is continued to twice this standard deviation below and above the line.
+    /// Otherwise, set `map_levels_m`. 0 omits this state. The columns `map_height_bias` and `map_height_bias_sigma` are
+    /// appended. This key is available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if a bias clearly increases the \
             likelihood. Unless `map_levels_m` is set, it then continues the map up to 100 m below and above the line",
         rule Rule::NotNegative;
     /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
-    /// right, down). The three components are additional states. Their effect on the total field follows from the
-    /// attitude and the core field. A constant offset with a standard deviation of 100 nT is a fourth state. Requires
-    /// `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`.
+    /// right, down). The filter estimates the three components as additional states. The attitude and the core field
+    /// determine the effect of these components on the total field. A fourth state is a constant offset with a standard
+    /// deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is available in `ekf`,
+    /// `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
+        absent "0; with `tuning = \"auto\"` the maximum-likelihood estimate, if these states clearly increase the \
             likelihood",
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
-        absent "maximum likelihood with `tuning = \"auto\"`, otherwise the change is constant along the line",
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise the change is constant along the \
+            line",
         rule Rule::Positive;
-    /// Upper limit on the ratio of the measurement's standard deviation to the map's horizontal slope. Above this limit
-    /// the map is too flat to observe the position. The sample is then `flat`: it corrects only the temporal variation
-    /// and the map error. Appends `map_slope`.
+    /// Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at which a sample corrects
+    /// the position. At a larger ratio, the map is too flat to observe the position. The sample is then `flat`: it
+    /// corrects only the temporal variation and the map error. The column `map_slope` is appended.
     flat_over_m: Option<f64>, unit "m", absent "all samples correct the position", rule Rule::Positive;
 }
 

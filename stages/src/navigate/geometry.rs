@@ -26,14 +26,14 @@ const LEAST_AMPLITUDE: f64 = 0.1;
 params! {
     /// Orientation of a scalar sensor in the field.
     pub struct SensorGeometry;
-    /// Vector magnetometer that gives the direction of the field, such as `flux_a`. For this purpose, its noise and the
-    /// aircraft field at its position are neglected.
+    /// Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise of this magnetometer, and
+    /// the aircraft field at its position, are neglected.
     vector: Option<String>, unit "", absent "equal noise in all attitudes";
     /// Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
     sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;
-    /// Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude of the sensor's signal,
-    /// and inversely proportional to the amplitude. A sample whose amplitude is below a tenth of the largest gives no
-    /// measurement.
+    /// Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis (`polar_and_equatorial`). The
+    /// assumed noise is inversely proportional to the amplitude of the sensor's signal. At the largest amplitude, the
+    /// noise is `measurement_sigma_nt`. A sample whose amplitude is below a tenth of the largest gives no measurement.
     dead_zones: DeadZones, unit "", default DeadZones::None;
 }
 

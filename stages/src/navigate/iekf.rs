@@ -14,12 +14,12 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state iterated extended Kalman filter. At each sample, it linearises the map again at each new estimate
-    /// until it finds the most probable state. If the position error is not small compared with the wavelengths of the
-    /// map, the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates errors several
-    /// times as large as `ekf` does, and takes little more time.
+    /// The 18-state iterated extended Kalman filter. At each sample, the filter repeats the linearisation of the map at
+    /// each new estimate until it finds the most probable state. If the position error is not small compared with the
+    /// wavelengths of the map, the single linearisation of `ekf` is inaccurate, and `ekf` is overconfident. `iekf`
+    /// tolerates position errors several times as large as `ekf` does, and takes little more time.
     ///
-    /// A step that would make the state less probable is halved. With `iterations = 1` the filter is `ekf`.
+    /// A step that would make the state less probable is halved. With `iterations = 1`, the filter equals `ekf`.
     ///
     /// Source: Jazwinski 1970, chapter 8; Bell & Cathey 1993, with a line search added.
     Iekf = "iekf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "iterations = 5";
@@ -31,7 +31,7 @@ filter! {
     save_state: bool, unit "", default false;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

@@ -8,9 +8,9 @@ use super::filter::{FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, f
 use crate::columns::data;
 
 filter! {
-    /// The INS without magnetic measurements, with the covariance of its error sources: the baseline for the other
-    /// filters. It uses neither `mag` nor a map, so `residual` and `nis` are NaN and `update` is `unused`. With
-    /// `gnss_lost_s`, GNSS aids the INS until it is lost.
+    /// The INS without magnetic measurements: the baseline for the other filters. The covariance follows from the error
+    /// sources of the INS. The filter uses neither `mag` nor a map, so `residual` and `nis` are NaN and `update` is
+    /// `unused`. With `gnss_lost_s`, GNSS aids the INS before the loss and after the recovery.
     InsOnly = "ins_only", version 1, groups [aiding: Aiding], example "";
 }
 

@@ -21,16 +21,16 @@ pub(super) const LEAST_PARTICLES: usize = 1000;
 const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"];
 
 filter! {
-    /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter, given the
-    /// position, for the other 16 states. Use it on a map with several similar places; `save_modes` returns the
-    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
-    /// position error of kilometres, `mpf_then_ekf` is faster.
+    /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter for the other 16
+    /// states given the position. Use it on a map with several similar places; `save_modes` returns the probability of
+    /// each place. For a navigation-grade INS, `ekf` is as accurate and seventy times as fast. For an INS position
+    /// error of kilometres, `mpf_then_ekf` is faster.
     ///
-    /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
-    /// particles on it. A sample is `off_map` if particles on the map have less than a tenth of the total weight. A
-    /// measurement outside six standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such
-    /// measurements in a row mean that the particles have lost the aircraft. The line is rejected when most of its
-    /// measurements are gated in this way.
+    /// The estimate is the mean over all particles. A measurement does not change the share of the total weight that
+    /// belongs to particles off the map. A sample is `off_map` if particles on the map have less than a tenth of the
+    /// total weight. A measurement outside six standard deviations of every particle is `gated`, regardless of
+    /// `gate_nis`. Many such measurements in a row mean that the particles have lost the aircraft. The line is rejected
+    /// when most of its measurements are gated in this way.
     ///
     /// The biases of additional measurements and the map error are linear states of each particle. The weights depend
     /// on the values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
@@ -39,30 +39,31 @@ filter! {
     /// that is also marginalised over the linear states. The same seed gives bit-identical results on any number of
     /// threads.
     Mpf = "mpf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
-    /// Number of particles: 1000 if the INS position is known to within hundreds of metres; 10,000 if it is off by
-    /// kilometres, or if a measurement is as precise as `gradient`.
+    /// Number of particles. Use 1000 if the INS position is known to within hundreds of metres. Use 10,000 if the INS
+    /// position is uncertain by kilometres, or with a measurement as precise as `gradient`.
     particles: Option<usize>, unit "1",
-        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends \
-            `particles`",
+        absent "1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; the \
+            column `particles` is then appended",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
     /// Effective number of particles, as a fraction of their number, below which the particles are resampled. 0.5 is
-    /// usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
+    /// usual; a larger value (0.8 in MagNav.jl) resamples more often and only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without the
     /// kernel density only copies of a few particles remain. The covariance is then far too small.
     regularise: bool, unit "", default true;
     /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
-    /// has one kernel for each of its parts. The slope that `gradient` measures is linear over a third of this
-    /// distance.
+    /// is divided into parts with one kernel each. With `gradient`, set a third of this distance, over which the slope
+    /// of the map is nearly linear.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Standard deviation of the position noise of each resampled particle, per axis. Its unit is the range of the
-    /// particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
+    /// Standard deviation, per axis, of position noise that is added to each resampled particle. The unit is the range
+    /// of the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
+    /// Largest accepted NIS of a measurement. The NIS is computed from the mean and variance of the whole cloud of
+    /// particles.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Appends the three most probable modes of the position to each sample. The run time of the filter then increases
     /// by 50 %.
     save_modes: bool, unit "", default false;

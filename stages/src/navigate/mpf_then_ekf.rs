@@ -14,20 +14,20 @@ use crate::columns::{array, data};
 
 filter! {
     /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`.
-    /// Use it if the initial position is known only to kilometres. A Kalman filter may then diverge unnoticed, and
-    /// particles along the whole line take seventy times as long.
+    /// Use it if the initial position is known only to kilometres. In this case, `ekf` may diverge unnoticed, and `mpf`
+    /// takes seventy times as long because it uses particles along the whole line.
     ///
-    /// The Kalman filter takes over when two conditions hold for 60 s. First, one mode must have at least the weight
-    /// `hand_over_weight`. Second, the map's linearisation error over the spread of this mode (median over the next
-    /// minute of the path) must be smaller than the white noise. Its initial state and covariance are the mean and
-    /// covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
-    /// line, all samples come from `mpf`.
+    /// The hand-over to the Kalman filter occurs when two conditions have held for 60 s. First, the weight of one mode
+    /// of the particles must be at least `hand_over_weight`. Second, the map's linearisation error over the spread of
+    /// this mode (median over the next minute of the path) must be smaller than the white noise. The mean and
+    /// covariance of the mode become the initial state and covariance of the Kalman filter. From then on `particles` is
+    /// 0 and `n_eff` is NaN. If the conditions are never met on a line, all samples come from `mpf`.
     ///
-    /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
-    /// error of 30 nT locate the aircraft. The INS is corrected with this position and velocity. The likelihood of the
-    /// innovations along the corrected INS then gives the noise and the outliers. While the particles locate the
-    /// aircraft, a spike is rejected only if it contradicts every particle. Remove spikes in the first minutes with
-    /// `despike`.
+    /// With `tuning = "auto"` and a large initial position error, the noise is estimated in three steps. First,
+    /// particles with an assumed slow error of 30 nT locate the aircraft. Second, the INS is corrected with this
+    /// position and velocity. Third, the likelihood of the innovations along the corrected INS track gives the noise
+    /// and the outliers. In the first step, a spike is rejected only if it contradicts every particle. Therefore remove
+    /// spikes in the first minutes of the line with `despike`.
     ///
     /// `flat_over_m` is rejected, as for `mpf`.
     ///
@@ -36,18 +36,19 @@ filter! {
     example "particles = 2000";
     /// Number of particles.
     particles: Option<usize>, unit "1",
-        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
+        absent "1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
     /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
-    /// has one kernel for each of its parts.
+    /// is divided into parts with one kernel each.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Minimum weight of the most probable mode at the hand-over.
     hand_over_weight: f64, unit "1", default 0.99, rule Rule::Between(0.5, 1.0);
-    /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud before the hand-over.
+    /// Largest accepted NIS of a measurement. Before the hand-over, the NIS is computed from the mean and variance of
+    /// the whole cloud of particles.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
 }
 
 impl NavigationFilter for MpfThenEkf {

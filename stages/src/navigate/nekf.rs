@@ -22,13 +22,13 @@ filter! {
     /// noise of the temporal variation, or both.
     ///
     /// `model` is the table of a `noise_network` stage, which trains the network on other lines. The filter requires
-    /// the same `features` and sample rate as that stage. Use the same noise keys in both stages, because the factor
-    /// multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
+    /// the same `features` and sample rate as that stage. Set the noise keys to the same values in both stages, because
+    /// the factor multiplies the assumed noise. If all factors are 1, the results are bit-identical to `ekf`.
     ///
-    /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard
-    /// deviation of the measurement, and `fogm_factor` is the factor on the noise of the temporal variation. A network
-    /// is reliable only for noise like that of its training lines. If there are no lines for training, use
-    /// `ekf_adaptive`.
+    /// The noise of a sample depends on earlier innovations, but not on the sample's own innovation. `noise_factor` is
+    /// the factor on the standard deviation of the measurement, and `fogm_factor` is the factor on the noise of the
+    /// temporal variation. A network is reliable only for noise like that of its training lines. If there are no lines
+    /// for training, use `ekf_adaptive`.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Hochreiter & Schmidhuber 1997.
     Nekf = "nekf", version 1, groups [aiding: Aiding], example "model = \"noise_network\"";
@@ -37,7 +37,7 @@ filter! {
     features: Option<Vec<String>>, unit "", absent "none";
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

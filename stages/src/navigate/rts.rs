@@ -18,29 +18,29 @@ use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother for post-processing: computes the most probable track given all measurements on the line. Each
-    /// iteration linearises the map along the track and passes forward and backward over the line, until the track
-    /// converges. It also returns the covariance. At the last sample, the smoother is as accurate as a filter. At
-    /// earlier samples, its error is a few times smaller.
+    /// A smoother for post-processing. It computes the most probable track, and the covariance of this track, given all
+    /// measurements on the line. Each iteration linearises the map along the track and passes forward and backward over
+    /// the line, until the track converges. At the last sample, the smoother is as accurate as a filter. At earlier
+    /// samples, its error is a few times smaller.
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
     /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber`, the
-    /// influence of an outlier is constant. With `cauchy`, it decreases with the size of the residual; this requires a
-    /// good initial track. `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged;
-    /// `smoothing_step` is then the last change of the track.
+    /// influence of an outlier is constant. With `cauchy`, the influence decreases as the residual increases, which
+    /// requires a good initial track. `smoothing` is `converged`, or `stopped` if the track did not converge within
+    /// `iterations`. `smoothing_step` is the largest position change in the last iteration.
     ///
     /// A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per sample (2.6 kB more with
-    /// `save_state`). With additional measurements, it requires 15 kB per sample, the iteration has a single start, and
-    /// a robust loss applies only to the total field.
+    /// `save_state`). With additional measurements, such as `gradient`, a line requires 15 kB per sample. The smoother
+    /// then tries a single initial track instead of up to four, and a robust loss applies only to the total field.
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).
     Rts = "rts", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "loss = \"huber\"";
     /// Maximum number of passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
-    /// Limit on the position change. The iteration ends when no position on the line changes by more in one iteration.
+    /// Limit on the position change. The iteration ends when no position on the line changes by more than this limit.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
-    /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
+    /// Loss function of a residual: quadratic (`none`), or robust to outliers (`huber`, `cauchy`).
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
     /// Residual above which a robust loss departs from the quadratic loss, in standard deviations of the measurement.
     loss_scale: Option<f64>, unit "1",

@@ -18,43 +18,45 @@ use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, Up
 use crate::columns::{array, data};
 
 filter! {
-    /// Navigation without a map. The map of a particle is its own path with the measurements along it. Where a particle
-    /// crosses or follows its earlier path, its weight is the likelihood of the present measurement given the earlier
-    /// ones. The filter bounds the drift of an INS on flights with revisits: loiters, or surveys with tie lines.
+    /// Navigation without a map. The map of a particle consists of the measurements along the particle's own path.
+    /// Where the particle crosses or follows its earlier path, its weight is multiplied by the likelihood of the
+    /// present measurement given the earlier ones. The filter bounds the drift of an INS on flights with revisits:
+    /// loiters, or surveys with tie lines.
     ///
-    /// Only the position relative to the earlier path is observed. The error of the INS before the first revisit
-    /// therefore remains. Without a revisit the track equals the INS track. The map of the stage and `offset_window_s`
-    /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
-    /// that no particle has an earlier position nearby.
+    /// A revisit observes only the position relative to the earlier path. The INS error before the first revisit
+    /// therefore remains. Without a revisit the track equals the INS track. The `map` of the stage is ignored.
+    /// `offset_window_s` is also ignored, because a constant in the measurement is part of the unknown map. `unused` in
+    /// the column `update` means that no particle has an earlier position nearby.
     ///
     /// The same `seed` gives bit-identical results on any number of threads.
     ///
-    /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
-    /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
-    /// reduce the required number of particles. In tests with 400 particles, all ten surveys succeeded. With 150
-    /// particles, two of six diverged, with a covariance far too small.
+    /// With `gnss_lost_s`, GNSS positions aid the filter. If the line begins with GNSS, the absolute position of the
+    /// map is known. A later GNSS position weights particles by their whole path, so it also corrects the map. GNSS at
+    /// the start does not reduce the required number of particles. In tests with 400 particles, all ten surveys
+    /// succeeded. In tests with 150 particles, two of six surveys diverged, with covariances far too small.
     ///
-    /// With `smooth` the track is the most probable track of the whole flight given all its measurements, for
-    /// post-processing. The smoother starts from the track of the particles and reduces errors of tens of metres to
-    /// metres. It represents the error of the INS by a few smooth functions of time that every crossing constrains, so
-    /// few particles are enough. `residual`, `nis`, `revisiting` and `effective` still describe the particles.
+    /// With `smooth`, for post-processing, the result is the most probable track of the whole flight given all
+    /// measurements. The smoother starts from the track of the particles and reduces errors of tens of metres to
+    /// metres. It represents the INS error by a few smooth functions of time. Every crossing constrains these
+    /// functions, so few particles are enough. `residual`, `nis`, `revisiting` and `effective` still describe the
+    /// particles.
     ///
     /// `smoothing` is `converged`, or `stopped` if path or hyper-parameters still changed at the last iteration. It is
-    /// `none` if the track of the particles is returned: with fewer than two measurements, or with a singular
-    /// covariance. `smoothing_misfit` is far above 1 where the assumed noise is too small for the track.
-    /// `smoothing_agreement` is the information that revisits give about each other, divided by its expected value for
-    /// the assumed noise. It is about 1 on a correct track, and near 0 on a track with errors of hundreds of metres. A
-    /// line with a value below 0.5 is rejected. The column is NaN for a line with almost no revisits. The smoother
-    /// takes about 20 s on one core and 70 MB for 1000 measurements. Twice as many measurements take eight times the
-    /// time and four times the memory.
+    /// `none` if there are fewer than two measurements or the covariance is singular; the track is then the track of
+    /// the particles. `smoothing_misfit` is the mean squared residual of the model divided by its variance. A value far
+    /// above 1 means that the assumed noise is too small. `smoothing_agreement` is the information that revisits give
+    /// about each other, divided by its expected value for the assumed noise. It is about 1 on a correct track, and
+    /// near 0 on a track with errors of hundreds of metres. A line with a value below 0.5 is rejected. The value is NaN
+    /// for a line with almost no revisits. The smoother takes about 20 s on one core and 70 MB for 1000 measurements.
+    /// Twice as many measurements take eight times the time and four times the memory.
     ///
-    /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
+    /// Source: Lee 2019, chapters III and V and appendix A, with these changes. Every prediction includes the last
     /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
-    /// includes the temporal variation. Paths are shared in a tree, so that a step takes the same time after ten hours.
-    /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001). The covariance includes the
-    /// variance that resampling removes from the particles. The smoother maximises the likelihood of a Gaussian process
-    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior for these positions, and
-    /// Laplace's approximation gives their posterior covariance.
+    /// includes the temporal variation. Particles share their earlier paths in a tree, so that the time per step does
+    /// not increase during the flight. Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001).
+    /// The covariance includes the variance that resampling removes from the particles. The smoother maximises the
+    /// likelihood of a Gaussian process at uncertain positions (Lawrence 2003). The covariance of the error model is
+    /// the prior for these positions, and Laplace's approximation gives their posterior covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
     /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
     /// particles.
@@ -67,7 +69,8 @@ filter! {
     /// Prediction of a measurement from earlier ones: from the nearest and the most recent (`"nearest_neighbour"`), by
     /// the regression of Lee 2019 (`"regression"`), or by inverse distance (`"inverse_distance"`).
     expected_measurement: ExpectedMeasurement, unit "", default ExpectedMeasurement::NearestNeighbour;
-    /// Source of the three hyper-parameters: a maximum-likelihood fit to the first part of the flight, or the spec.
+    /// Source of the hyper-parameters `sigma_se_nt`, `length_m` and `sigma_n_nt`: a maximum-likelihood fit to the first
+    /// part of the flight (`fitted`), or the spec (`fixed`).
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -75,26 +78,27 @@ filter! {
     sigma_se_nt: Option<f64>, unit "nT",
         absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Correlation length of the anomaly.
-    length_m: Option<f64>, unit "m", absent "150 m, the value of the same flight", rule Rule::Positive;
+    length_m: Option<f64>, unit "m", absent "150 m, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise.
-    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, the value of the same flight", rule Rule::NotNegative;
-    /// Length of the first part of the flight, to which the hyper-parameters are fitted.
+    sigma_n_nt: Option<f64>, unit "nT",
+        absent "1 nT, the value of the Louisa flight in Lee 2019", rule Rule::NotNegative;
+    /// Length of the part at the start of the flight to which the hyper-parameters are fitted.
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Time before a sample in which other samples do not count as earlier samples.
+    /// Minimum time between the present sample and an earlier sample that is compared with it.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// Radius within which earlier samples count as a revisit. A sample is a revisit if more than `trigger_points`
-    /// earlier samples lie within this radius.
+    /// Radius of the test for a revisit. A sample is a revisit if more than `trigger_points` earlier samples lie within
+    /// this radius.
     trigger_radius_m: Option<f64>, unit "m",
-        absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// Number of earlier samples within `trigger_radius_m` that must be exceeded for a revisit.
+        absent "the larger of 18 m and 1.6 times the distance between samples", rule Rule::Positive;
+    /// Number of earlier samples within `trigger_radius_m` above which a sample is a revisit.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the correlation length, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
-    /// Maximum height difference between a sample and the earlier samples that predict it. Smaller differences increase
-    /// the variance of those samples.
+    /// Maximum height difference between a sample and the earlier samples that predict it. Within this limit, the
+    /// assumed variance of an earlier sample increases with the height difference.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of an inverse-distance-weighted prediction.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
@@ -102,15 +106,15 @@ filter! {
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Replaces the track of the particles by the most probable track of the whole flight.
     smooth: bool, unit "", default false;
     /// Maximum number of measurements in the smoother. A longer flight is divided into this number of groups of
-    /// samples. Samples near the middle of each group are averaged, and the others are omitted. Computing time is
-    /// proportional to the third power of this number.
+    /// samples. Samples near the middle of each group are averaged, and the other samples are omitted. Computing time
+    /// is proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
-    /// Standard deviation of the white noise of a measurement in the smoother. The particles assume more noise because
-    /// there are few of them.
+    /// Standard deviation of the white noise of a measurement in the smoother. A small number of particles requires a
+    /// larger assumed noise; the smoother does not.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.

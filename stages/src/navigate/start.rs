@@ -42,12 +42,14 @@ choice! {
 params! {
     /// Initial estimate and covariance at the first sample of a line.
     pub struct StartKeys;
-    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys no longer apply after a
-    /// few minutes.
+    /// Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment` propagates the `init_*`
+    /// standard deviations from the alignment to the start of the line. `given` applies the `init_*` standard
+    /// deviations at the start of the line; the defaults are valid only within minutes of the alignment, because an INS
+    /// drifts. `auto` selects one of the three from the keys and columns.
     start: StartSource, unit "", default StartSource::Auto;
     /// Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first values within 2 s of the
-    /// line's start are used. White noise with the fix's standard deviations is added to columns with the role truth.
-    /// This noise is reproducible for each line.
+    /// line's start are used. If the columns have the role truth, white noise with the fix's standard deviations is
+    /// added. The added noise of a line is the same in every run.
     fix: Option<[String; 3]>, unit "",
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Columns of the fix's velocity components: north, east and down.

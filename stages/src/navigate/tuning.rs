@@ -42,19 +42,20 @@ params! {
     /// Assumed noise of the measurement.
     pub struct MeasurementNoise;
     /// Standard deviation of the white noise of a measurement. It includes the noise of the sensor, the map and the
-    /// compensation. `"auto"` uses the residual of the calibration, from the column `mag_sigma`.
+    /// compensation. `"auto"` uses the noise of the calibration residual, from the column `mag_sigma`.
     measurement_sigma_nt: Option<NumberOrAuto>, unit "nT",
-        absent "maximum likelihood with `tuning = \"auto\"`, otherwise 5.0", rule Rule::Positive;
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise 5.0", rule Rule::Positive;
     /// Standard deviation of the first-order Gauss-Markov process for the temporal variation and all other slow errors.
     /// `"auto"` uses the column `mag_fogm_sigma`.
     fogm_sigma_nt: Option<NumberOrAuto>, unit "nT",
-        absent "maximum likelihood with `tuning = \"auto\"`, otherwise 3.0", rule Rule::NotNegative;
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise 3.0", rule Rule::NotNegative;
     /// Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`.
     fogm_tau_s: Option<NumberOrAuto>, unit "s",
-        absent "maximum likelihood with `tuning = \"auto\"`, otherwise 600.0", rule Rule::Positive;
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise 600.0", rule Rule::Positive;
     /// Column with the standard deviation of an additional error of each sample: `mag_aircraft_sigma` of an ensemble,
-    /// or the predicted error of a network. Its square is added to the square of `measurement_sigma_nt`. A sample
-    /// without a value in this column has no measurement. Requires a single magnetometer.
+    /// or the predicted error of a network. The square of this standard deviation is added to the square of
+    /// `measurement_sigma_nt`. A sample without a value in this column has no measurement. Requires a single
+    /// magnetometer.
     noise_column: Option<String>, unit "nT", absent "equal noise at all samples";
 }
 

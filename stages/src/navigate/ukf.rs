@@ -15,9 +15,10 @@ use crate::columns::{array, data};
 
 filter! {
     /// The unscented Kalman filter with the states of `ekf`. Instead of linearising the map at the estimated position,
-    /// the filter fits a linear function to the map over the position uncertainty, from seven map values per sample. If
-    /// the map is linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity of the
-    /// map as noise. Use `ukf` if the position uncertainty exceeds the node spacing of the map.
+    /// the filter fits a linear function to the map over the position uncertainty. The fit uses the map values at seven
+    /// sigma points: a central one and six outer ones. If the map is linear over the position uncertainty, the filter
+    /// equals `ekf`. Otherwise it treats the nonlinearity of the map as noise. Use `ukf` if the position uncertainty
+    /// exceeds the node spacing of the map.
     ///
     /// If an outer sigma point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the
     /// part of the innovation's standard deviation due to the nonlinearity of the map; it is NaN where it is not
@@ -26,19 +27,20 @@ filter! {
     /// Source: Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the position
     /// only.
     Ukf = "ukf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "kappa = 0.0";
-    /// Scale factor of the distance of the outer points from the centre.
+    /// Scale factor on the distance of the outer sigma points from the central one.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Parameter of the central sigma point, whose weight in the covariance exceeds its weight in the mean by 1 -
-    /// alpha² + beta. The minimum is -alpha² kappa/3. Averaged over directions, the variance computed for the
-    /// nonlinearity of the field is (5 + 4 beta)/8 of the true variance. With a beta of 2, the filter is therefore
-    /// cautious.
+    /// Parameter in the weight of the central sigma point: the weight in the covariance exceeds the weight in the mean
+    /// by 1 - alpha² + beta. The minimum of beta is -alpha² kappa/3. The filter computes the variance due to the
+    /// nonlinearity of the field. Averaged over directions, the computed variance is (5 + 4 beta)/8 of the true
+    /// variance. With a beta of 2, the filter is therefore cautious.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
-    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from the centre. It must be
-    /// above -3. With 0, the gain is exact to the fourth moment of a normal distribution.
+    /// Parameter in the distance of the outer sigma points from the central one, which is alpha sqrt(3 + kappa)
+    /// standard deviations. `kappa` must be above -3. With 0, the gain is exact to the fourth moment of a normal
+    /// distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
-        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+        absent "no gate; with `tuning = \"auto\"`, outliers are rejected before filtering", rule Rule::Positive;
     /// Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of first order as in
     /// MagNav.jl, and `van_loan` exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

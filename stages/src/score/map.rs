@@ -16,14 +16,14 @@ metric! {
 }
 
 metric! {
-    /// standard deviation (n - 1) of the compensated signal, minus core field and diurnal variation, minus the map
+    /// standard deviation (divisor n - 1) of the compensated signal minus core field, diurnal variation and map
     MAP_STD_ERROR = "map_std_error", unit "nT", pool Rms, better Lower,
     shown MetricDisplay::column(130, 100).rank(60), needs [Map, Signal, Core], uses [Diurnal];
     |line| line.map_error().map(|e| SampleStatistic { value: e.std, n: e.n })
 }
 
 metric! {
-    /// mean of the compensated signal, minus core field and diurnal variation, minus the map
+    /// mean of the compensated signal minus core field, diurnal variation and map
     MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Mean, better Neither,
     needs [Map, Signal, Core], uses [Diurnal];
     |line| line.map_error().map(|e| SampleStatistic { value: e.mean, n: e.n })
@@ -37,7 +37,7 @@ metric! {
 }
 
 metric! {
-    /// lower bound on the rms horizontal error with which the map determines a constant position offset of the line
+    /// lower bound on the rms horizontal error of a constant position offset of the line, as determined from the map
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {

@@ -23,7 +23,7 @@ use crate::{
 };
 
 metric! {
-    /// standard deviation (n - 1) of compensated minus truth; a constant has no effect
+    /// standard deviation (divisor n - 1) of compensated minus truth; a constant error has no effect
     STD_ERROR = "std_error", unit "nT", pool Rms, better Lower,
     shown MetricDisplay::column(20, 130).rank(20).heat_map(), baseline STD_UNCOMPENSATED "uncompensated",
     needs [Signal, Truth];
@@ -37,13 +37,14 @@ metric! {
 }
 
 metric! {
-    /// root mean square (n) of compensated minus truth; a constant has an effect
+    /// root mean square (divisor n) of compensated minus truth, including a constant error
     RMS_ERROR = "rms_error", unit "nT", pool Rms, better Lower, needs [Signal, Truth];
     |line| line.error().map(|e| SampleStatistic { value: e.rms, n: e.n })
 }
 
 metric! {
-    /// standard deviation (n - 1) of uncompensated minus truth or, without `truth`, of the uncompensated signal itself
+    /// standard deviation (divisor n - 1) of uncompensated minus truth or, without `truth`, of the uncompensated signal
+    /// itself
     STD_UNCOMPENSATED = "std_uncompensated", unit "nT", pool Rms, better Neither,
     shown MetricDisplay::column(10, 20), needs [Signal, Aircraft], uses [Truth];
     |line| Ok(statistics::std(&line.signals()?.before_nt))
@@ -65,8 +66,8 @@ metric! {
 }
 
 metric! {
-    /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
-    /// straight line over time) divided by the standard deviation of compensated minus truth
+    /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus a straight
+    /// line fitted over time) divided by the standard deviation of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
     shown MetricDisplay::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {
@@ -77,16 +78,17 @@ metric! {
 
 metric! {
     /// slope of a straight line fitted to the compensated signal (minus core field and diurnal variation) as a function
-    /// of the true anomaly; 1 if compensation keeps the whole anomaly; `n` is the sum of squares of the anomaly about
-    /// its mean, nT^2, and weights the lines; null for a line with at most two independent samples
+    /// of the true anomaly; 1 if compensation keeps the whole anomaly; `n`, the weight of the line, is the sum of
+    /// squares of the anomaly about its mean, in nT^2; null for a line with at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown MetricDisplay::column(60, 80), limit AtLeast(0.9), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
 }
 
 metric! {
-    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: standard error of the
-    /// pooled slope; retentions within two standard errors are indistinguishable
+    /// standard error of `anomaly_retention`, which allows for the autocorrelation of the residual and the anomaly;
+    /// pooled: standard error of the pooled slope; retentions within two standard errors of each other are
+    /// indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
     shown MetricDisplay::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)

@@ -170,14 +170,15 @@ metric! {
 
 metric! {
     /// `nis` times the statistical inefficiency of the innovations, 1 plus twice the sum of their autocorrelations; 1
-    /// for a consistent filter. Correlated innovations with larger assumed noise have a low `whiteness` and a value
-    /// near 1; above 1 the covariance of the position is too small
+    /// for a consistent filter. If the assumed noise is increased for correlated innovations, the value is near 1
+    /// although `whiteness` is low. A value above 1 means that the covariance of the position is too small
     CORRELATED_NIS = "correlated_nis", unit "1", pool Mean, better Near(1.0), limit AtMost(1.5), needs [Innovations];
     |line| Ok(consistency::correlated_nis(&normalised_innovations(line)?))
 }
 
 metric! {
-    /// share of the samples with a true position within the track's three-sigma ellipse; 0.989 for a consistent filter
+    /// share of the samples whose true position is within the track's three-sigma ellipse; 0.989 for a consistent
+    /// filter
     ERROR_WITHIN_3SIGMA = "error_within_3sigma", unit "1", pool Mean, better Near(0.989),
     needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees <= 9.0))

@@ -39,19 +39,20 @@ params! {
     init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
     /// Standard deviation of the initial tilt error about each axis.
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice it exceeds the tilt
-    /// errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
+    /// Standard deviation of the initial yaw error, the tilt about the down axis. In practice, the yaw error exceeds
+    /// the other tilt errors, because the INS finds north from the earth's rotation, a much weaker signal than gravity.
     init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error",
         rule Rule::NotNegative;
-    /// Velocity random walk (square root of the spectral density).
+    /// Velocity random walk: square root of the spectral density of the accelerometer noise.
     vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
-    /// Angular random walk (square root of the spectral density).
+    /// Angular random walk: square root of the spectral density of the gyro noise.
     arw_sigma: f64, unit "rad/s^0.5", default 0.000000581, rule Rule::NotNegative;
     /// Standard deviation of the barometer error.
     baro_sigma_m: f64, unit "m", default 1.0, rule Rule::NotNegative;
-    /// Standard deviation of the initial error of the barometric-aiding altitude.
+    /// Standard deviation of the initial error of the altitude in the barometer loop, which aids the INS height.
     ha_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+    /// Standard deviation of the initial error of the vertical acceleration in the barometer loop, which aids the INS
+    /// height.
     a_hat_sigma_mps2: f64, unit "m/s2", default 0.01, rule Rule::NotNegative;
     /// Standard deviation of the accelerometer bias.
     acc_sigma_mps2: f64, unit "m/s2", default 0.000245, rule Rule::NotNegative;

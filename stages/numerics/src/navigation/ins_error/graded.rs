@@ -24,12 +24,12 @@ const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "
 params! {
     /// Key in addition to the keys of [`InsErrors`].
     struct InsGradeKey;
-    /// Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset in the spec. `magnav`
-    /// uses the defaults shown for these keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and
-    /// `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position
-    /// at alignment (`init_position_sigma_m = 0`).
-    ins_grade: Option<InsGrade>, unit "", absent "`magnav`; `navigate` uses the \
-        flight's column `ins_grade` instead if present";
+    /// Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that are unset in the spec.
+    /// `magnav` sets the defaults shown for these keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell
+    /// HG1700, and `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. For these three grades, the
+    /// position at alignment is exact (`init_position_sigma_m = 0`).
+    ins_grade: Option<InsGrade>, unit "", absent "in `navigate` the flight's column \
+        `ins_grade`, if present; otherwise `magnav`";
 }
 
 impl From<InsErrors> for InsErrorSpec {

@@ -62,9 +62,9 @@ const FORGET: usize = 1;
 pub struct NoiseNetwork {
     /// Noise that the network sets.
     pub noise: NetworkNoise,
-    /// Number of units in the layer of the network.
+    /// Number of units in the long short-term memory layer of the network.
     pub hidden: usize,
-    /// Largest factor by which the network multiplies a standard deviation. The smallest factor is its inverse.
+    /// Largest factor by which the network multiplies a standard deviation. The smallest factor is 1/`limit`.
     pub limit: f64,
     /// Mean of each input.
     pub mean: Vec<f64>,
