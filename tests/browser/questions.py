@@ -122,7 +122,7 @@ QUESTIONS = [
     ("Where is the position error largest in this line, in time and on the map?", largest_error),
     ("Does the position error stay within three standard deviations?", within_three_sigma),
     ("Does the error follow the attitude?", attitude),
-    ("What does compensation remove, compared with the truth?", compensation),
+    ("How well does compensation remove the aircraft field?", compensation),
     ("What changes between two points, and which is better?", two_points),
     ("What failed, how often, and why?", failures),
     ("From which files and stages does the track come?", origin),
