@@ -121,7 +121,7 @@ QUESTIONS = [
     ("Which line is worst for magnetometer 4, and what happened there?", worst_line),
     ("Where is the position error largest in this line, in time and on the map?", largest_error),
     ("Does the position error stay within three standard deviations?", within_three_sigma),
-    ("Does the error follow the attitude?", attitude),
+    ("Does the error vary with the attitude?", attitude),
     ("How well does compensation remove the aircraft field?", compensation),
     ("What changes between two points, and which is better?", two_points),
     ("What failed, how often, and why?", failures),
