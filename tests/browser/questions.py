@@ -91,8 +91,8 @@ def compensation(page, do):
 
 
 def two_points(page, do):
-    do.click(row(page, 0), "first point")
-    do.click(row(page, 3), "Shift-click on the fourth point", modifiers=["Shift"])
+    do.click(row(page, 0), "click the first point")
+    do.click(row(page, 3), "then Shift-click the fourth point", modifiers=["Shift"])
     caption = explorer(page).locator("figcaption").inner_text()
     assert "The axes differ in" in caption
     return caption.split("Bars show")[0]
@@ -116,14 +116,14 @@ def origin(page, do):
 
 
 QUESTIONS = [
-    ("How good is the best point compared with the INS alone?", best),
-    ("Which lambda is best, and is it at the end of its axis?", best_lambda),
-    ("Which line is worst for magnetometer 4, and what happened there?", worst_line),
-    ("Where is the position error largest in this line, in time and on the map?", largest_error),
+    ("How large is the position error at the best point, compared with the error of the INS alone?", best),
+    ("Which value of `lambda` is best, and is this value at an end of the axis?", best_lambda),
+    ("Which line has the worst score for magnetometer 4, and what happened on this line?", worst_line),
+    ("At what time, and where on the map, is the position error on this line largest?", largest_error),
     ("Does the position error stay within three standard deviations?", within_three_sigma),
-    ("Does the error vary with the attitude?", attitude),
+    ("Does the error depend on the attitude of the aircraft?", attitude),
     ("How well does compensation remove the aircraft field?", compensation),
-    ("What changes between two points, and which is better?", two_points),
+    ("What differs between two points, and which point is better?", two_points),
     ("What failed, how often, and why?", failures),
     ("From which files and stages does the track come?", origin),
 ]
