@@ -161,7 +161,7 @@ fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
             "its name implies `degC`, which does not convert to nT, the unit of `mag_6_uc`",
         ),
         ("Alt (fathoms)", "baro", "its name implies `fathoms`, which does not convert to m"),
-        ("MAG_T", "mag_6_uc", "its name ends in `T`, which may be its unit"),
+        ("MAG_T", "mag_6_uc", "its name ends in `T`, which may be the unit"),
     ] {
         let options = format!("rename = {{ \"{own}\" = \"{ours}\" }}");
         let bench = bench(&options);

@@ -183,7 +183,7 @@ fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static B
             .map(|t| t.columns.iter().map(|c| format!("`{c}`")).collect::<Vec<_>>().join(" and "))
             .collect();
         let what = if name.is_empty() {
-            "the predictions have no column of a task".to_owned()
+            "the predictions have no column of any task".to_owned()
         } else {
             format!("the predictions have no column of the task `{name}`")
         };

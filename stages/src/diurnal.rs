@@ -154,7 +154,9 @@ impl Stage for Diurnal {
         if records.len() > 1 && place.is_empty() {
             let fault = Fault::new("several stations are weighted by distance, but `input` has no position");
             faults.push(
-                fault.help("name one record, or set `position` to a position that `input` has").of_param("position"),
+                fault
+                    .help("name one record, or set `position` to a source of positions in `input`")
+                    .of_param("position"),
             );
         }
         if crate::columns::is_key(&self.column) {

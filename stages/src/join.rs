@@ -144,7 +144,9 @@ impl LineStage for Join {
     type Prepared = ();
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
-        let [input, with] = line.inputs.as_slice() else { return Err(Fault::bug("a join of other than two tables")) };
+        let [input, with] = line.inputs.as_slice() else {
+            return Err(Fault::bug("a join requires exactly two tables"));
+        };
         let times = floats(input, "tt")?;
         let shift = offset_s(input, with)?;
         let tt: Vec<f64> = floats(with, "tt")?.iter().map(|t| t + shift).collect();

@@ -170,7 +170,7 @@ fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column
             Some(first) => {
                 let name = &column.name;
                 let what = format!("both input {} and input {} have a column `{name}`", first + 1, i + 1);
-                let help = "rename one with `rename` of its table, or drop it with `select`";
+                let help = "rename one of the columns with `rename` in its table, or drop it with `select`";
                 return Err(Fault::new(what).help(help).of_param("input"));
             }
         }

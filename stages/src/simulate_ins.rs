@@ -195,7 +195,9 @@ fn known<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
 fn named(e: numerics::navigation::ins_series::SeriesError, lat: &str) -> Fault {
     use numerics::navigation::ins_series::SeriesError as E;
     match e {
-        E::Time { row, .. } => data(e).in_column("tt").in_row(row as u64).help("add a `resample` before this stage"),
+        E::Time { row, .. } => {
+            data(e).in_column("tt").in_row(row as u64).help("add a `resample` stage before this one")
+        }
         E::Latitude { row, .. } => data(e).in_column(lat).in_row(row as u64),
         E::TooShort { .. } | E::Length { .. } | E::NotFinite { .. } => data(e),
     }

@@ -63,7 +63,7 @@ pub(super) fn named(
             Err(other_unit(path, first, name, "its name implies", &unit, wanted))
         }
         (None, Err(unit_name::UnitNameError::Ambiguous(unit))) => {
-            let what = format!("its name ends in `{unit}`, which may be its unit, but `{name}` must be in {wanted}");
+            let what = format!("its name ends in `{unit}`, which may be the unit, but `{name}` must be in {wanted}");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
     }

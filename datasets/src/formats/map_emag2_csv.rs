@@ -102,7 +102,9 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         rows += 1;
         for ((places, index), place) in places.iter_mut().zip(row.cell).zip(row.place) {
             if *places.entry(index).or_insert(place) != place {
-                return Some(format!("index {index} has the coordinate {place}, but another coordinate before"));
+                return Some(format!(
+                    "index {index} has the coordinate {place}, but a different coordinate in an earlier row"
+                ));
             }
         }
         None

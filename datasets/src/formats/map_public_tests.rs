@@ -164,7 +164,7 @@ fn gold_damaged_emag2_files_name_the_row() {
     }
     assert!(wrong(&|rows| rows.push(rows[9].clone())).unwrap_err().contains("row 35: duplicate cell"));
     let moved = wrong(&|rows| rows[9] = field(2, "355.116667")).unwrap_err();
-    assert!(moved.contains("has the coordinate 355.116667, but another coordinate before"), "{moved}");
+    assert!(moved.contains("has the coordinate 355.116667, but a different coordinate in an earlier row"), "{moved}");
     // A cell far away declares a grid of millions of cells.
     let far = "1,1,0.016667,-89.983333,1.00,1.00,1,1".to_owned();
     assert!(wrong(&|rows| rows.push(far.clone())).is_err());

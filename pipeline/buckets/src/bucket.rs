@@ -145,7 +145,7 @@ impl Bucket {
         if is_missing_bucket(error) {
             let ObjectAddress { scheme, bucket, .. } = &self.address;
             return Fault::machine(format!("there is no bucket {}://{bucket}", scheme.as_str()))
-                .help("create it with the tools of its provider, or use another bucket");
+                .help("create the bucket with the tools of its provider, or use another bucket");
         }
         match error {
             Error::Precondition { .. } => {

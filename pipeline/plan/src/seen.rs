@@ -17,7 +17,8 @@ impl TableNode {
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
-                "true if this line was used by a model, noise or map behind the score, or to choose a parameter"
+                "true if the line was used to make a model, noise estimate or map that the score depends on, or to \
+                 choose a parameter"
             }
             Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => POOLED_IN_SAMPLE,
             Grain::Line | Grain::Survey | Grain::Map => return None,

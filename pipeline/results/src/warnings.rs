@@ -240,8 +240,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some((error_nt, limit)) = facts.map_height_nt() {
-        let what = "the map is at a different height from the flight and is not continued to it; the expected error \
-            is";
+        let what = "the map is at a different height from the flight and is not continued to the height of the flight; \
+                    the expected error is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get(&signal::ANOMALY_RETENTION), row.get(&signal::ANOMALY_RETENTION_SE))

@@ -190,7 +190,7 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
                  samples",
                 names()
             );
-            return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));
+            return Err(format!("{what} (`least_samples`), so single samples can be derived from the two values"));
         }
     }
     let more = |(_, (sum, most)): &(_, &(usize, i64))| i64::try_from(*sum).is_ok_and(|sum| sum > *most);

@@ -367,7 +367,7 @@ impl Store {
                 LockOutcome::Held(_) if wait => sleep(self.look_again()),
                 LockOutcome::Held(held) => {
                     let fault = Fault::machine(held.message(pipeline, self.root()));
-                    return Err(fault.help("wait for it with --wait, or name another store"));
+                    return Err(fault.help("wait for that run with `--wait`, or give another `store`"));
                 }
             }
         }

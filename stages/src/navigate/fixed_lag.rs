@@ -56,7 +56,8 @@ filter! {
     iterations: usize, unit "", default 15usize;
     /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain; 0 for none.
     aircraft_sigma_nt: Option<f64>, unit "nT",
-        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it",
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line: the estimated noise then includes \
+                this field",
         rule Rule::NotNegative;
     /// Time constant of this slowly varying aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;

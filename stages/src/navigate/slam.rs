@@ -136,7 +136,7 @@ impl NavigationFilter for Slam {
             Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "mean squared residual of the model, divided by its variance; NaN without smoothing";
+            let misfit = "mean squared residual of the smoother, divided by its expected value; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
             let agreement = "information that revisits give about each other, divided by its expected value; NaN \

@@ -244,8 +244,8 @@ impl Navigate {
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` for correlated innovations; 1 where they are white. `noise_permanent_tau` is \
-             divided by its square",
+            "factor in `noise_sigma` for correlated innovations; 1 if the innovations are white. `noise_permanent_tau` \
+             is divided by the square of this factor",
         ));
         columns
     }

@@ -102,7 +102,7 @@ impl CsvRowFault {
             }
             CsvFaultKind::OtherHeader => {
                 let what = "the row looks like another header: the file contains several tables, one after another";
-                of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
+                of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a separate file"))
             }
             CsvFaultKind::NoNumber(column, cell) => {
                 let (what, help) = match std::str::from_utf8(cell) {

@@ -158,7 +158,7 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
     }
     for (key, url) in [("url", &facts.url), ("licence_url", &facts.licence_url)] {
         if let Some(url) = url.as_ref().filter(|u| url::Url::parse(u).is_err()) {
-            push(key, format!("`{url}` is not an address"), "write it as `https://...`");
+            push(key, format!("`{url}` is not a web address"), "write it as `https://...`");
         }
     }
     found

@@ -334,15 +334,15 @@ fn glossary() -> Markup {
             dl {
                 dt { "jitter" } dd { "robust standard deviation of the time steps; flagged above a tenth of the \
                                       median step" }
-                dt { "gaps" } dd { "time steps above 1.75 times the median, and the missing time; flagged above 1 s, \
-                                    or if 1 % of the samples are missing" }
-                dt { "repeated times, times back" } dd { "rows whose time is equal to that of the previous row, and \
-                                                          rows whose time is earlier; always flagged" }
+                dt { "gaps" } dd { "number of time steps above 1.75 times the median step, and the total missing time; \
+                                    flagged above 1 s, or if 1 % of the samples are missing" }
+                dt { "repeated times, times back" } dd { "rows with the same time as the previous row, and rows with \
+                                                          an earlier time; always flagged" }
                 dt { "dropouts" } dd { "missing samples, and the longest time without a sample; flagged above 1 s or \
                                         1 % of the samples. Infinities and readings of exactly 0 nT are missing \
                                         samples" }
-                dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of its \
-                                      neighbourhood; always flagged for sensors" }
+                dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of the \
+                                      fourth differences around it; always flagged for sensors" }
                 dt { "stuck" } dd { "number of samples in the longest stretch with a constant value, if this stretch \
                                      is far longer than usual for the column" }
                 dt { "saturated" } dd { "number of samples at the minimum or maximum value, if that value is far more \

@@ -226,7 +226,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let (clock, why) = match (unix, of_day) {
         (true, _) => ("unix", "as seconds since 1970, the values are dates in this century"),
         (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
-        (false, false) => ("boot", "it probably counts from the start of the log"),
+        (false, false) => ("boot", "the column probably counts from the start of the log"),
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {

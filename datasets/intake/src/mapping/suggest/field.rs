@@ -112,7 +112,7 @@ pub(super) fn field_like(
         Some(((*unit).to_owned(), what))
     });
     let alone = || {
-        let what = format!("the magnitude is steady at {size:.0}, as the earth's field in nT");
+        let what = format!("the magnitude is steady at {size:.0}, as expected for the earth's field in nT");
         TOTAL.contains(&size).then(|| ("nT".to_owned(), what))
     };
     near.or_else(alone)
@@ -161,7 +161,8 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
     let number = words.iter().find(|w| w.len() < 4 && w.bytes().all(|b| b.is_ascii_digit()));
     let number = number.map_or("1", String::as_str);
     if has(&words, &["comp", "compensated", "cmp"]) && !has(&words, &["un", "not"]) {
-        let why = format!("a median of {median:.1} {unit} is the earth's field; the name means a compensated reading");
+        let why =
+            format!("a median of {median:.1} {unit} is the earth's field; the name suggests a compensated reading");
         return Some(Ok((format!("mag_{number}_c"), unit, why)));
     }
     let why = format!("a median of {median:.1} {unit} is the earth's field");
