@@ -87,7 +87,7 @@ const WHERE: &str = "where  = \"line like '%.01'\"\n";
 fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     let (bench, out, _) = ran(&spec(&[]));
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are pooled separately"), "{out}");
+    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in-sample lines are pooled separately"), "{out}");
     assert!(out.lines().filter(|l| l.starts_with('*')).count() == 2, "a star and its legend: {out}");
 
     // The pooled table: root mean squares of the held-out lines, and separately of the in-sample lines.

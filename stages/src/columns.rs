@@ -133,7 +133,7 @@ pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault
         return Ok(());
     }
     let what = format!("`{}` is a truth column and cannot be a feature", column.name);
-    Err(Fault::new(what).of_param(param).help("set `allow_truth = true` to allow it"))
+    Err(Fault::new(what).of_param(param).help("set `allow_truth = true` to permit truth columns"))
 }
 
 /// Role of a column that is computed from the columns `names`: truth if one of them is truth.

@@ -278,7 +278,7 @@ fn not_covered(stations: &Stations, times: &[f64]) -> Fault {
         day(first),
         day(last)
     );
-    Fault::data(what).help("name the record of the line's days, or raise `max_gap_s`")
+    Fault::data(what).help("name a record that covers the days of the line, or raise `max_gap_s`")
 }
 
 #[cfg(test)]

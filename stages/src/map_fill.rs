@@ -100,8 +100,8 @@ impl MapFill {
             return Ok(());
         }
         let (param, help) = match self.extend {
-            true => ("extend", "name them in `with`"),
-            false => ("method", "name them in `with`, or choose another `method`"),
+            true => ("extend", "name other maps in `with`"),
+            false => ("method", "name other maps in `with`, or choose another `method`"),
         };
         Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
     }
@@ -205,8 +205,10 @@ fn compared(others: &[(String, AnomalyGrid)], done: &CombinedMap) -> Vec<String>
 /// Map continued upward by `up_m` to the height of another map. Unchanged if a height is unknown.
 fn at_level(plane: PlaneGrid, up_m: f64) -> Result<PlaneGrid, Fault> {
     if up_m < 0.0 {
-        let fault = Fault::data(format!("the map is {:.0} m above the map that it fills", -up_m));
-        return Err(fault.help("continue it downward first with `map_continue`, or fill the higher map"));
+        let fault = Fault::data(format!("the map is {:.0} m above the map whose gaps it fills", -up_m));
+        return Err(fault.help(
+            "continue this map downward first with `map_continue`, or fill the gaps of this map from the lower map",
+        ));
     }
     if up_m.is_nan() || up_m == 0.0 {
         return Ok(plane);

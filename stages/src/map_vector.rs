@@ -138,7 +138,8 @@ impl MapVector {
         if found.damped {
             warnings.push(format!(
                 "the inclination of the core field is {inclination_deg:.1} degrees; within 15 degrees of the \
-                 horizontal the map does not determine waves across the core field, and the component is too small"
+                 horizontal, the map does not determine waves perpendicular to the core field, so the component is too \
+                 small"
             ));
         }
         let (sin, cos) = grid_north_deg.to_radians().sin_cos();

@@ -156,7 +156,7 @@ impl<'a> MapDraft<'a> {
         let [scale, offset] = self.packing;
         if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
             let what = format!("the scale {scale} and the offset {offset} of the values are invalid");
-            return Err(ReadError::data(self.path, what).help("correct them in the file"));
+            return Err(ReadError::data(self.path, what).help("correct scale and offset in the file"));
         }
         if self.packing != PLAIN {
             self.values.iter_mut().for_each(|v| *v = *v * scale + offset);

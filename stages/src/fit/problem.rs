@@ -363,7 +363,7 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
     let Some((law, from_hz)) = rate else { return Ok(1.0) };
     law.factor(from_hz, to_hz).ok_or_else(|| {
         let what = format!(
-            "`{term}` is the value of an earlier sample, at {from_hz} Hz on one line and {to_hz} Hz on another"
+            "`{term}` is the value of an earlier sample, but the lines are sampled at {from_hz} Hz and {to_hz} Hz"
         );
         Fault::data(what).help("`resample` all lines to one rate before `features`")
     })

@@ -199,7 +199,7 @@ impl EkfOnlineNn {
                 "before GNSS is lost, {} samples have a measurement, a position and a map value: too few for training",
                 known.len()
             );
-            return Err(Fault::data(what).help("check that the map covers them, or begin `gnss_lost_s` later"));
+            return Err(Fault::data(what).help("check that the map covers these samples, or begin `gnss_lost_s` later"));
         }
         let width = features.len() / tt_s.len();
         let first = &features[..training * width];

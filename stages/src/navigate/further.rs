@@ -409,7 +409,7 @@ impl AuxiliaryMeasurements {
 /// Columns of the constant states of the scalar measurement: the lag of the magnetometer, and the bias between the
 /// height of the INS and the height on the map.
 pub(super) fn constant_columns([has_latency, has_map_height]: [bool; 2]) -> Vec<Column> {
-    let none = "without a state for it";
+    let none = "unless the filter estimates it";
     let lag = format!("estimated lag of the magnetometer's time stamps; 0 {none}");
     let height = format!("estimated height of the aircraft above its assumed height on the map; 0 {none}");
     let named = [(has_latency, "mag_latency", "s", lag), (has_map_height, "map_height_bias", "m", height)];

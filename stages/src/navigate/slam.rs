@@ -136,11 +136,12 @@ impl NavigationFilter for Slam {
             Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "mean squared residual of the smoother, divided by its expected value; NaN without smoothing";
+            let misfit = "mean of the squared normalised residuals of the smoother, about 1 if the assumed noise is \
+                          correct; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "information that revisits give about each other, divided by its expected value; NaN \
-                without revisits";
+            let agreement = "information that revisits give about each other, divided by the expected information; NaN \
+                             without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns

@@ -355,8 +355,8 @@ fn glossary() -> Markup {
                 dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \
                                          directions, and the half width of the cone or belt. The first vector \
                                          magnetometer gives the directions in the body frame. If the sensor itself \
-                                         reports its dead zone: the samples in it, and their longest stretch. Always \
-                                         flagged" }
+                                         reports its dead zone: the number of samples in the dead zone, and the \
+                                         longest stretch of such samples. Always flagged" }
                 dt { "lag" } dd { "delay relative to the first magnetometer of the same kind, from cross-correlation, \
                     if the correlation is high enough; flagged above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \
