@@ -144,7 +144,7 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         tables.push(match *one {
             TableSelection::Stage(t) => {
                 let table = tables::of_stage(graph, &version, t, root)?;
-                let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+                let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
                 ReleaseTable { stage: Some(node.entry.name.to_owned()), description: first(&node.entry.doc), ..table }
             }
             TableSelection::Flights(i) => tables::of_flights(graph, store, i, root)?,

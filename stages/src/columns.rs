@@ -91,7 +91,7 @@ pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -
             "`{entry}` is the value of an earlier sample, but the line is sampled at {from_hz} Hz and the model was \
              fitted at {to_hz} Hz"
         );
-        Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
+        Fault::data(what).help(format!("add a `resample` stage at {to_hz} Hz before `features`"))
     })
 }
 

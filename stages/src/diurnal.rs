@@ -211,7 +211,7 @@ impl LineStage for Diurnal {
     }
 
     fn run(&self, line: &LineInput, stations: &Stations) -> LineOutput {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let midnight = first_midnight(batch)?;
         let midnight = midnight.ok_or_else(|| Fault::data("the line has no date").help(WAYS_OUT_OF_NO_DAY))?;
         let since_s = DAY_S * (midnight - stations.first_day) as f64;

@@ -88,7 +88,7 @@ impl LagStage {
 
     /// Lag of each column.
     fn lags(&self, line: &LineInput) -> Result<Vec<LagResult>, Fault> {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         // Pairs are counted by rows, so a line with a gap in time is rejected.

@@ -295,7 +295,7 @@ impl MapStage for MapContinue {
         let done = match grids(maps)?.as_slice() {
             [map] => self.apply(map, None)?,
             [map, drape, ..] => self.apply(map, Some(drape))?,
-            [] => return Err(Fault::bug("a stage of maps without a map")),
+            [] => return Err(Fault::bug("a stage that works on maps has no map")),
         };
         made(&done.map, done.warnings)
     }

@@ -167,7 +167,7 @@ impl Stage for MapConvert {
 impl MapStage for MapConvert {
     fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let maps = grids(maps)?;
-        let map = maps.first().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
+        let map = maps.first().ok_or_else(|| Fault::bug("a stage that works on maps has no map"))?;
         made(&self.apply(map)?, vec![])
     }
 }

@@ -248,7 +248,7 @@ impl Stage for MapFill {
 impl MapStage for MapFill {
     fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let mut all = grids(maps)?.into_iter();
-        let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
+        let map = all.next().ok_or_else(|| Fault::bug("a stage that works on maps has no map"))?;
         let others: Vec<(String, AnomalyGrid)> =
             all.enumerate().map(|(i, other)| (format!("map {} of `with`", i + 1), other)).collect();
         let filled = self.apply(&map, &others)?;

@@ -218,7 +218,7 @@ impl MapStage for MapVector {
                 let done = self.apply(map)?;
                 made(&done.map, done.warnings)
             }
-            [] => Err(Fault::bug("a stage of maps without a map")),
+            [] => Err(Fault::bug("a stage that works on maps has no map")),
         }
     }
 }

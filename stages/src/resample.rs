@@ -271,7 +271,7 @@ impl LineStage for Resample {
 impl Resample {
     /// Inputs, with their times minus the lag of each input.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
-        let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {
             let shift = if i == 0 { 0.0 } else { offset_s(first, batch)? } - self.lag_of_input(i);
             Ok(ResampleInput { batch, tt: floats(batch, "tt")?.iter().map(|t| t + shift).collect() })

@@ -48,7 +48,7 @@ pub fn connect(address: &ObjectAddress) -> Result<Bucket, Fault> {
 
 #[cfg(not(feature = "object-stores"))]
 fn open(_: &ObjectAddress) -> Result<Bucket, Fault> {
-    Err(Fault::bug("a connection without object stores"))
+    Err(Fault::bug("a connection is requested from a build without object stores"))
 }
 
 #[cfg(feature = "object-stores")]

@@ -33,7 +33,7 @@ impl PlanGraph<'_> {
     /// # Errors
     /// Fails if the goal of the search selects no line.
     pub fn seen(&self, t: usize) -> Result<&InSampleLines, Fault> {
-        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
+        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
         seen.get_or_init(|| InSampleLines::new(self, t)).as_ref().map_err(Clone::clone)
     }
 

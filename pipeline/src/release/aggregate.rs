@@ -57,7 +57,7 @@ pub fn judge(
         return Ok(Err(why));
     }
     let plan = graph.plan;
-    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
     let least_samples = protections.iter().map(|p| p.least_samples).max().unwrap_or(0);
     let mut found = Aggregate {
         samples: i64::MAX,

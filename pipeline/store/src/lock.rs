@@ -224,7 +224,7 @@ impl PipelineLock {
              {seconds} s",
             self.pipeline
         );
-        Err(Fault::machine(what).help("nothing was published; finished results are stored, run the spec again"))
+        Err(Fault::machine(what).help("nothing was published; finished results are stored; run the spec again"))
     }
 }
 

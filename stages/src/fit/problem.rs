@@ -365,7 +365,7 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
         let what = format!(
             "`{term}` is the value of an earlier sample, but the lines are sampled at {from_hz} Hz and {to_hz} Hz"
         );
-        Fault::data(what).help("`resample` all lines to one rate before `features`")
+        Fault::data(what).help("add a `resample` stage before `features`, so that all lines have one rate")
     })
 }
 

@@ -124,7 +124,7 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
-        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
+        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network is trained without GNSS"))?;
         let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
         let (features, names) = self.features(flown)?;
         let features = features.as_ref();

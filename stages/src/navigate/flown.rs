@@ -106,7 +106,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
         }
     }
     // Every point either has a fault or belongs to a group.
-    answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
+    answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("the result of a point is missing")))).collect()
 }
 
 /// Calls `of` with the filter input of one point and the map of its line, for a stage that prepares lines as `navigate`

@@ -387,7 +387,7 @@ impl CounterColumn {
         if self.ns.is_none() {
             return Ok(None);
         }
-        let column = batch.columns().get(self.at).ok_or_else(|| Fault::bug("a batch lacks the column of the time"))?;
+        let column = batch.columns().get(self.at).ok_or_else(|| Fault::bug("a batch lacks the time column"))?;
         cast(column, &DataType::Int64).map(Some).map_err(|e| Fault::data(e.to_string()))
     }
 

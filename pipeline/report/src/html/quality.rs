@@ -348,8 +348,8 @@ fn glossary() -> Markup {
                 dt { "saturated" } dd { "number of samples at the minimum or maximum value, if that value is far more \
                     frequent than the neighbouring values" }
                 dt { "step" } dd { "resolution: every difference between samples is a whole multiple of the step. For \
-                                    magnetometers, it is flagged above two standard deviations of the noise, or if it \
-                                    masks the noise" }
+                                    magnetometers, the step is flagged above two standard deviations of the noise, or \
+                                    if it masks the noise" }
                 dt { "preferred values" } dd { "number of samples of a scalar magnetometer near values that are \
                     over-represented and evenly spaced, and the spacing; flagged above a tenth of the samples" }
                 dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \

@@ -107,7 +107,7 @@ impl NetworkKeys {
         );
         wrong(
             self.lbfgs_epochs > 0 && self.dropout > 0.0,
-            "`dropout` cannot be combined with `lbfgs_epochs`, because it changes the loss at each step",
+            "`dropout` cannot be combined with `lbfgs_epochs`, because dropout changes the loss at each step",
             "dropout",
         );
         faults
