@@ -205,7 +205,7 @@ fn user_words_for_missing_values_are_read_as_missing() {
     let failed = failures(&bench);
     assert_eq!(failed.len(), 3);
     assert!(failed[0].1.contains("column `mag_4_uc`, row 25: `dropout` is not a number"), "{failed:?}");
-    assert!(failed[0].1.contains("if it marks a missing value, add it to `missing`"), "{failed:?}");
+    assert!(failed[0].1.contains("if the text marks a missing value, add it to `missing`"), "{failed:?}");
 }
 
 #[test]

@@ -181,7 +181,7 @@ impl MapFill {
 }
 
 fn draped() -> Fault {
-    let help = "continue it to a level first with `map_continue`";
+    let help = "continue the map to a level first with `map_continue`";
     Fault::data("a draped map cannot be combined with others").help(help)
 }
 

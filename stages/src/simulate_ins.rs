@@ -113,7 +113,11 @@ impl SimulateIns {
         let have =
             MADE.into_iter().chain([INS_GRADE]).find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
-        Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
+        Some(
+            Fault::new(what)
+                .help("set `replace = true` to replace these columns by the simulated INS")
+                .of_param("replace"),
+        )
     }
 
     fn model(&self) -> InsErrorModel {

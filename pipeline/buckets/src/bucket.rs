@@ -149,7 +149,8 @@ impl Bucket {
         }
         match error {
             Error::Precondition { .. } => {
-                Fault::machine(format!("cannot {doing} {address}: another process replaced it")).help("run again")
+                Fault::machine(format!("cannot {doing} {address}: another process replaced the object"))
+                    .help("run again")
             }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
                 Fault::machine(format!("cannot {doing} {address}: there are no credentials"))

@@ -71,7 +71,7 @@ impl AwsProfile {
         }
         match (AwsProfile::from_texts(&texts, &name), named) {
             (None, Some(name)) => Err(Fault::machine(format!("there is no profile `{name}` (AWS_PROFILE)"))
-                .help("add it to ~/.aws/credentials or ~/.aws/config")),
+                .help("add the profile to ~/.aws/credentials or ~/.aws/config")),
             (found, _) => Ok(found),
         }
     }

@@ -59,7 +59,7 @@ impl PlanBuilder<'_> {
             let at =
                 search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
             let fault = Fault::new(format!("no stage uses the searched axis `{name}`")).at(at);
-            self.faults.push(fault.help(format!("use it in a parameter: `\"${name}\"`")));
+            self.faults.push(fault.help(format!("use the axis in a parameter: `\"${name}\"`")));
         }
         if self.broken.contains(&search.table) {
             return;

@@ -48,7 +48,7 @@ pub fn run(_: &ServeArgs) -> Result<(), ExitReason> {
 /// The message of a program without the feature `serve`.
 #[cfg(not(feature = "serve"))]
 pub fn without_serve() -> ExitReason {
-    let what = "error: this magline was built without the feature `serve`\n  help: build it with `cargo build \
+    let what = "error: this magline was built without the feature `serve`\n  help: build magline with `cargo build \
                 --features magline/serve`";
     ExitReason::Wrong(what.to_owned())
 }

@@ -98,11 +98,11 @@ impl NavigationFilter for FixedLag {
         match key {
             "loss_scale" if self.loss == TrajectoryLoss::None => {
                 let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");
-                Some(fault.help("remove it, or set `loss` to `huber` or `cauchy`"))
+                Some(fault.help("remove `loss_scale`, or set `loss` to `huber` or `cauchy`"))
             }
             "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => Some(
                 Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`")
-                    .help("remove it, or set `aircraft_sigma_nt` above 0"),
+                    .help("remove `aircraft_tau_s`, or set `aircraft_sigma_nt` above 0"),
             ),
             _ => None,
         }

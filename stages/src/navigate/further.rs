@@ -97,8 +97,8 @@ params! {
     /// attitude and the core field. A constant offset with a standard deviation of 100 nT is a fourth state. Requires
     /// `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
-            likelihood",
+        absent "0; `tuning = \"auto\"` estimates the value by maximum likelihood if these states clearly increase the \
+                likelihood",
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
@@ -284,7 +284,7 @@ impl AuxiliaryMeasurements {
         let fault = |(_, key, what): (bool, &str, &str)| {
             Fault::new(format!("`{key}` is available only in `ekf`, `iekf` and `ukf`"))
                 .of_param(key)
-                .help(format!("set `filter` to one of these to estimate {what}"))
+                .help(format!("set `filter` to `ekf`, `iekf` or `ukf` to estimate {what}"))
         };
         let faults: Vec<Fault> = states.into_iter().filter(|(set, ..)| *set).map(fault).collect();
         if faults.is_empty() { Ok(vec![]) } else { Err(faults) }

@@ -184,7 +184,8 @@ impl NavigationFilter for Slam {
         let output = run(&self.parameters(flown)?, &line).map_err(data)?;
         if output.report.largest_correction > IMPLAUSIBLE {
             let what = format!(
-                "the corrections exceed the possible error of the INS: their square is {:.0} times its variance",
+                "the corrections exceed the possible error of the INS: the squared corrections are {:.0} times the \
+                 variance of this error",
                 output.report.largest_correction
             );
             let help = "increase `particles` for the drift between revisits, or check `ins_grade`";

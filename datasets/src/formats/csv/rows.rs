@@ -112,7 +112,8 @@ impl CsvRowFault {
                         (format!("`{text}` is not a whole number"), format!("line {line} of the file"))
                     }
                     Ok(text) => {
-                        let help = format!("line {line} of the file; if it marks a missing value, add it to `missing`");
+                        let help =
+                            format!("line {line} of the file; if the text marks a missing value, add it to `missing`");
                         (format!("`{text}` is not a number"), help)
                     }
                     Err(error) => (format!("is not UTF-8 text: {error}"), format!("line {line} of the file")),

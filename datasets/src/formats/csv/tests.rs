@@ -185,7 +185,9 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
                     format!("{place}: `{t}` is not a whole number ({at})")
                 }
                 Some(t) => {
-                    format!("{place}: `{t}` is not a number ({at}; if it marks a missing value, add it to `missing`)")
+                    format!(
+                        "{place}: `{t}` is not a number ({at}; if the text marks a missing value, add it to `missing`)"
+                    )
                 }
                 None => {
                     format!("{place}: is not UTF-8 text: {} ({at})", std::str::from_utf8(&record[column]).unwrap_err())

@@ -210,7 +210,9 @@ impl<'a> LineFacts<'a> {
                     .to_owned()]
             }
             WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
-            WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
+            WarningKind::OffMap => {
+                vec!["the map does not cover the line, or has unknown nodes below the line".to_owned()]
+            }
             WarningKind::Flat => vec![
                 "the noise exceeds `flat_over_m` times the slope of the map, so the position comes mainly from the INS"
                     .to_owned(),

@@ -369,7 +369,7 @@ impl<'a> WaveDispatcher<'a> {
             // The tasks did not cause this failure.
             self.waiting.extend(tasks);
         } else {
-            let fault = Fault::machine(format!("the cluster could not compute it: {why}"));
+            let fault = Fault::machine(format!("the cluster could not compute the task: {why}"));
             tasks.iter().for_each(|i| self.again(*i, fault.clone()));
         }
     }

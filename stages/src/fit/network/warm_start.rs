@@ -158,7 +158,7 @@ impl<'a> WarmStart<'a> {
                 let here_hz = samples.rate_hz()?;
                 if (here_hz / rate_hz - 1.0).abs() > 0.01 {
                     let what = format!("was trained at {rate_hz} Hz, but these lines are sampled at {here_hz} Hz");
-                    return Err(self.fault(&what).help("use `resample` to give both the same rate"));
+                    return Err(self.fault(&what).help("add a `resample` stage, so that both have the same rate"));
                 }
                 &here.head
             }

@@ -235,10 +235,9 @@ fn vector(
             declared.as_ref().filter(|unit| !convert(unit, "nT").is_some_and(|nt| field::EARTH.contains(&(size * nt))));
         let (unit, why) = match (declared.clone(), like) {
             _ if wrong.is_some() => {
-                let nt = field::FIELD
-                    .iter()
-                    .find(fits)
-                    .map_or(String::new(), |(unit, factor)| format!("; in {unit} it would be {:.0} nT", size * factor));
+                let nt = field::FIELD.iter().find(fits).map_or(String::new(), |(unit, factor)| {
+                    format!("; in {unit}, the magnitude would be {:.0} nT", size * factor)
+                });
                 let unit = declared.unwrap_or_default();
                 return left(format!(
                     "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set \

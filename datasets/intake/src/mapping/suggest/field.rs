@@ -284,7 +284,11 @@ mod tests {
     #[test]
     fn unit_a_unit_that_contradicts_the_values_is_a_reason_to_omit_a_vector() {
         let found = guessed(turning(["mag_x_uT", "mag_y_uT", "mag_z_uT"], 52_000.0));
-        assert!(!found[0].is_used() && found[0].why.contains("in nT it would be 52000 nT"), "{}", found[0].why);
+        assert!(
+            !found[0].is_used() && found[0].why.contains("in nT, the magnitude would be 52000 nT"),
+            "{}",
+            found[0].why
+        );
         assert_eq!(used(turning(["mag_x_uT", "mag_y_uT", "mag_z_uT"], 52.0))[0].0, "flux_a");
     }
 
