@@ -230,7 +230,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP
     {
-        let text = format!("{:.0} % of the samples are off the map, without measurement updates", 100.0 * share);
+        let text = format!("{:.0} % of the samples are off the map and have no measurement update", 100.0 * share);
         add(WarningKind::OffMap, (share, limits::OFF_MAP, "1"), text);
     }
     if let Some(share) = row.flat()

@@ -166,7 +166,7 @@ impl StoreFileReader {
         let batch = match held {
             Some((_, _, batch)) => batch.clone(),
             None => {
-                let file = self.files.get(piece.file).ok_or_else(|| Fault::bug("a file that is not open"))?;
+                let file = self.files.get(piece.file).ok_or_else(|| Fault::bug("a file is not open"))?;
                 let columns = (0..file.schema().fields().len())
                     .map(|i| file.column(piece.group, i).map_err(|e| unreadable(file, &e)))
                     .collect::<Result<Vec<_>, _>>()?;

@@ -362,7 +362,7 @@ impl AuxiliaryMeasurements {
             return enough(flown, report);
         }
         if report.updates == 0 {
-            return Err(Fault::data("no sample of the difference or the vector could be used")
+            return Err(Fault::data("no sample of the field difference or of the vector magnetometer could be used")
                 .help("check that the map covers the flight"));
         }
         Ok(())

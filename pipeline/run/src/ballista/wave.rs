@@ -196,7 +196,7 @@ impl<'a> WaveDispatcher<'a> {
         }
         if self.restarts > MOST_RESTARTS {
             let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
-            return Some(Fault::machine(what).help("read the standard error of the scheduler for the reason"));
+            return Some(Fault::machine(what).help("see the error output of the scheduler for the reason"));
         }
         if self.worker_seen.longer_than(patience) {
             let others = match self.seen.others.as_slice() {
