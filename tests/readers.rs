@@ -138,7 +138,7 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
     for (options, expected) in [
         ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` gives `V`, which does not convert to nT"),
         ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` gives `nTT`"),
-        ("units = { mag_4_u = \"uT\" }", "`units` has the column `mag_4_u`, which does not exist"),
+        ("units = { mag_4_u = \"uT\" }", "`units` names the column `mag_4_u`, which does not exist"),
         ("units = \"uT\"", "`units` of `flights` must be a table, not a text"),
         ("rename = \"lat\"", "`rename` of `flights` must be a table, not a text"),
         ("rename = { MagCabin = \"mag_6_uc\" }", "there is no column `MagCabin` to rename"),

@@ -294,7 +294,7 @@ fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<Str
 fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let spec = &graph.plan.spec;
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
-    let run = || format!("run it first: `magline run {}{sets}`", spec.file);
+    let run = || format!("run the spec first: `magline run {}{sets}`", spec.file);
     let version = current(store.root(), &spec.name).filter(|_| html::is_current(graph, store));
     version.ok_or_else(|| Fault::new(format!("the store has no current results of {}", spec.file)).help(run()))
 }

@@ -87,7 +87,7 @@ impl Join {
                 }
                 Ok(_) if input.get(&made).is_some() => {
                     let fault = Fault::new(format!("`input` already has a column `{made}`"));
-                    faults.push(fault.help("rename it with `suffix`").of_param("columns"));
+                    faults.push(fault.help("rename the column with `suffix`").of_param("columns"));
                 }
                 Ok(_) if found.iter().any(|c: &&Column| c.name == *name) => {
                     faults.push(Fault::new(format!("`{name}` is a duplicate")).of_param("columns"));

@@ -102,7 +102,7 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
         return Err(ReadError::options(path, what).nearest(missing, &names));
     }
     let Some(missing) = options.units.keys().find(|k| !own.contains(k)) else { return Ok(()) };
-    let fault = ReadError::options(path, format!("`units` has the column `{missing}`, which does not exist"));
+    let fault = ReadError::options(path, format!("`units` names the column `{missing}`, which does not exist"));
     Err(match options.rename.iter().find(|(_, to)| *to == missing) {
         Some((from, _)) => fault.help(format!("use the name in the file: `{from}`")),
         None => fault.nearest(missing, own),

@@ -217,7 +217,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.gated()
         && share > limits::GATED
     {
-        let text = format!("{}: it rejects {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
+        let text = format!("{}: {:.0} % of the measurements are rejected", WarningKind::Gated.of_many(), 100.0 * share);
         add(WarningKind::Gated, (share, limits::GATED, "1"), text);
     }
     if let Some((count, fixes)) = row.counted(&track::GNSS_REJECTED).filter(|(count, _)| *count > 0.0) {

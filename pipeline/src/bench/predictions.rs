@@ -168,7 +168,7 @@ fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     let texts: &StringArray =
         texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a column has another type after its conversion"))?;
     let text = |(row, x): (usize, Option<&str>)| {
-        let missing = || Fault::data("it is missing").in_column(name).in_row(row as u64);
+        let missing = || Fault::data("the value is missing").in_column(name).in_row(row as u64);
         x.map(|x| x.trim().to_owned()).filter(|x| !x.is_empty()).ok_or_else(missing)
     };
     texts.iter().enumerate().map(text).collect()

@@ -59,7 +59,7 @@ pub fn run(catalogue: &[StageEntry], args: &ViewArgs) -> Result<(), ExitReason> 
     if let Some(spec) = args.source.as_ref().filter(is_spec) {
         let spec = SpecArgs { spec: spec.into(), sets: args.sets.clone() };
         let read = plan::read_spec(&spec.spec, &spec.sets)?;
-        has_store(&read.store, &format!("run it first: `magline run {}`", read.file))?;
+        has_store(&read.store, &format!("run the spec first: `magline run {}`", read.file))?;
         let viewed = ViewedSpec { pipeline: &read.name, file: &read.file };
         let plan = |serve: &dyn Fn(&RunProgress)| -> Result<(), ExitReason> {
             with_graph(catalogue, &spec, |graph, store| {

@@ -487,7 +487,7 @@ pub fn report_against(graph: &PlanGraph, store: &Store, against: &str) -> Result
     let tables: Vec<usize> = pooled::tables(plan).collect();
     if tables.is_empty() || !is_current(graph, store) {
         let fault = Fault::new("a comparison of runs needs scores of this spec, and the newest run has none");
-        return Err(fault.help(format!("run it first: `magline run {}`", plan.spec.file)));
+        return Err(fault.help(format!("run the spec first: `magline run {}`", plan.spec.file)));
     }
     let metrics = tables.iter().flat_map(|t| plan.tables[*t].entry.metrics.iter().copied()).collect();
     let view = StoreView::new(root, metrics)?;

@@ -422,7 +422,7 @@ impl<'a> WaveDispatcher<'a> {
                 }
                 (JobAction::Again | JobAction::Take, _) => {
                     self.cancel(Some(number));
-                    let why = format!("no worker computed it or returned a receipt for {} s", STALL.as_secs());
+                    let why = format!("no worker computed the task or returned a receipt for {} s", STALL.as_secs());
                     tasks.into_iter().for_each(|i| self.again(i, Fault::machine(why.clone())));
                 }
             }
