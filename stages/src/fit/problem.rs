@@ -379,8 +379,9 @@ fn own(moments: &RegressionMoments, places: Option<&[usize]>) -> Result<Regressi
 
 /// Fault of a failed cross-validation.
 pub fn lines_needed(error: LeastSquaresError) -> Fault {
-    data(error)
-        .help("cross-validation requires at least two lines, or flights; select more with `where`, or change `choose`")
+    data(error).help(
+        "cross-validation requires at least two lines, or flights; select more lines with `where`, or change `choose`",
+    )
 }
 
 /// Maximum number of lines listed by name.
