@@ -288,7 +288,7 @@ fn in_radians(
         return Err(Fault::data(what)
             .in_file(&predictions.file)
             .in_line(&line.flight, &line.line)
-            .help("convert them to degrees"));
+            .help("convert the positions to degrees"));
     }
     Ok(())
 }

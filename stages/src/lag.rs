@@ -115,7 +115,7 @@ impl Stage for LagStage {
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if self.columns.contains(&self.reference) {
             let what = format!(
-                "`{}` is the reference and has no lag against itself; remove it from `columns`",
+                "`{}` is the reference and has no lag against itself; remove the column from `columns`",
                 self.reference
             );
             faults.push(Fault::new(what).of_param("columns"));

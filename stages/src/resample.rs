@@ -98,7 +98,7 @@ impl Resample {
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
         again.then(|| {
             let what = format!("the lag of `{}` has already been removed", column.name);
-            Fault::new(what).help(format!("remove it from `{param}`")).of_param(param)
+            Fault::new(what).help(format!("remove the lag from `{param}`")).of_param(param)
         })
     }
 

@@ -156,8 +156,9 @@ impl Bucket {
                 Fault::machine(format!("cannot {doing} {address}: there are no credentials"))
                     .help("set credentials in the environment or a profile; see pipeline/OBJECTS.md")
             }
-            _ if is_forbidden(error, &text) => Fault::machine(what)
-                .help("the credentials in the environment or the profile do not permit it; see pipeline/OBJECTS.md"),
+            _ if is_forbidden(error, &text) => Fault::machine(what).help(
+                "the credentials in the environment or the profile do not permit this request; see pipeline/OBJECTS.md",
+            ),
             Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what)
                 .help("the server lacks an operation that a store requires, such as conditional writes"),
             _ if text.contains("status code: 30") => {

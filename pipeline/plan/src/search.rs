@@ -93,7 +93,7 @@ impl PlanBuilder<'_> {
             let words: Vec<&str> = items.iter().filter_map(Literal::as_text).collect();
             if !words.contains(&metric.name) && !words.iter().any(|w| w.starts_with('$')) {
                 let what = format!("`{}` is not among the `metrics` of `{}`", metric.name, node.name);
-                self.faults.push(goal(Fault::new(what).help("add it to `metrics`")));
+                self.faults.push(goal(Fault::new(what).help("add the metric to `metrics`")));
             }
         }
         if !node.axes.iter().any(|a| self.spec.searched.contains(a)) {

@@ -267,7 +267,7 @@ impl<'a> FilterInput<'a> {
                 if samples == 0 {
                     let what =
                         format!("`{name}` has no sample within `offset_window_s` with a measurement and a map value");
-                    return Err(Fault::data(what).help("remove it from `mag`").in_column(name));
+                    return Err(Fault::data(what).help("remove the column from `mag`").in_column(name));
                 }
                 measured_nt.iter_mut().for_each(|m| *m -= offset_nt);
             }

@@ -150,7 +150,7 @@ impl NavigationFilter for Slam {
     fn unused_key(&self, key: &str) -> Option<Fault> {
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
-            let help = "remove it".to_owned();
+            let help = "remove the key".to_owned();
             Some(Fault::new(format!("`{key}` has no effect without {what}")).help(help))
         };
         match key {

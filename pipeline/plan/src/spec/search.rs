@@ -279,7 +279,7 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[SweepAxis]) -> Result
         let mut foreign = |key: &str, given: bool, owner: SearchMethodName| {
             if given && k.method != owner {
                 let what = format!("`{key}` belongs to `{}`, not to `{}`", owner.word(), k.method.word());
-                faults.push(Fault::new(what).at(at(key)).help("remove it"));
+                faults.push(Fault::new(what).at(at(key)).help("remove the key"));
             }
         };
         foreign("generation", k.generation.is_some(), SearchMethodName::Tpe);
