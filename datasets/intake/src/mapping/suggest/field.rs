@@ -102,7 +102,7 @@ pub(super) fn field_like(
         return None;
     }
     if let Some(unit) = declared {
-        return Some((unit, "its unit is in the file".to_owned()));
+        return Some((unit, "the file gives the unit".to_owned()));
     }
     let readings = readings(topic);
     let near = FIELD.iter().find_map(|(unit, factor)| {
