@@ -189,7 +189,7 @@ fn user_invalid_predictions_are_rejected_with_their_position() {
         (without(&whole, "lon"), "requires the columns `lat` and `lon`"),
         (without(&whole, "line"), "there is no column `line`"),
         (predicted(&[("mag_4_uc", "mag_4_cmp")]), "did you mean `mag_4_comp`?"),
-        (predicted(&[]), "no column of a task"),
+        (predicted(&[]), "no column of any task"),
     ];
     for (batch, wanted) in cases {
         let message = refused(&batch);

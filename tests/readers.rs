@@ -138,7 +138,7 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
     for (options, expected) in [
         ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` gives `V`, which does not convert to nT"),
         ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` gives `nTT`"),
-        ("units = { mag_4_u = \"uT\" }", "`units` has the column `mag_4_u`, which does not exist"),
+        ("units = { mag_4_u = \"uT\" }", "`units` names the column `mag_4_u`, which does not exist"),
         ("units = \"uT\"", "`units` of `flights` must be a table, not a text"),
         ("rename = \"lat\"", "`rename` of `flights` must be a table, not a text"),
         ("rename = { MagCabin = \"mag_6_uc\" }", "there is no column `MagCabin` to rename"),
@@ -161,7 +161,7 @@ fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
             "its name implies `degC`, which does not convert to nT, the unit of `mag_6_uc`",
         ),
         ("Alt (fathoms)", "baro", "its name implies `fathoms`, which does not convert to m"),
-        ("MAG_T", "mag_6_uc", "its name ends in `T`, which may be its unit"),
+        ("MAG_T", "mag_6_uc", "its name ends in `T`, which may be the unit"),
     ] {
         let options = format!("rename = {{ \"{own}\" = \"{ours}\" }}");
         let bench = bench(&options);
@@ -205,7 +205,7 @@ fn user_words_for_missing_values_are_read_as_missing() {
     let failed = failures(&bench);
     assert_eq!(failed.len(), 3);
     assert!(failed[0].1.contains("column `mag_4_uc`, row 25: `dropout` is not a number"), "{failed:?}");
-    assert!(failed[0].1.contains("if it marks a missing value, add it to `missing`"), "{failed:?}");
+    assert!(failed[0].1.contains("if the text marks a missing value, add it to `missing`"), "{failed:?}");
 }
 
 #[test]

@@ -87,7 +87,7 @@ const WHERE: &str = "where  = \"line like '%.01'\"\n";
 fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     let (bench, out, _) = ran(&spec(&[]));
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are pooled separately"), "{out}");
+    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in-sample lines are pooled separately"), "{out}");
     assert!(out.lines().filter(|l| l.starts_with('*')).count() == 2, "a star and its legend: {out}");
 
     // The pooled table: root mean squares of the held-out lines, and separately of the in-sample lines.
@@ -352,7 +352,7 @@ fn user_axes_without_effect_ordinary_least_squares_and_edges_are_noted() {
     let (_, _, err) = ran(&text);
     assert!(err.contains("`scores`: `lambda` has no effect"), "{err}");
     assert!(err.contains("the 3 points that differ only in `lambda` are computed once"), "{err}");
-    assert!(err.contains("18 components for the same number of terms give ordinary least squares"), "{err}");
+    assert!(err.contains("18 components for 18 terms give ordinary least squares"), "{err}");
     assert!(!err.contains("end of the axis `lambda`"), "equal values have no best: {err}");
     let (bench, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025, 25.0, 250.0]")]));
     assert!(err.contains("is at an end of the axis `lambda`: 0.025 in the range 0.025 to 250"), "{err}");

@@ -280,7 +280,7 @@ fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
     refused(&changed(&|t| t["plan"] = Value::Null), "has no plan");
     // A line that is not a task gives no receipt.
     assert!(refused(&lines[0][..lines[0].len() / 2], "the line is truncated").is_empty());
-    assert!(refused("{\"event\": \"started\"}", "other JSON").is_empty());
+    assert!(refused("{\"event\": \"started\"}", "is JSON, but not a").is_empty());
     assert!(refused("even 1 1.01", "not JSON").is_empty());
     assert!(refused(&changed(&|t| t["task"] = json!(2)), "the task has format 2").is_empty());
     assert!(task(&bench, "store", b"\xff\xfe\n", &[]).status.code() == Some(2));

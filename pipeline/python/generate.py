@@ -204,7 +204,7 @@ TABLE_EXTRA = {
         "True for the whole table, or the names of columns. `magline publish` rejects results made from them row by "
         "row. Default: False.",
     ),
-    "embargo": ("str", "First day of permitted publication, `YYYY-MM-DD`. Unset: no end of the restriction."),
+    "embargo": ("str", "First day of permitted publication, `YYYY-MM-DD`. Unset: the restriction does not end."),
     "reason": ("str", "Reason of the restriction, for messages. Unset: no reason."),
     "least_samples": (
         "int",

@@ -183,7 +183,7 @@ fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static B
             .map(|t| t.columns.iter().map(|c| format!("`{c}`")).collect::<Vec<_>>().join(" and "))
             .collect();
         let what = if name.is_empty() {
-            "the predictions have no column of a task".to_owned()
+            "the predictions have no column of any task".to_owned()
         } else {
             format!("the predictions have no column of the task `{name}`")
         };
@@ -288,7 +288,7 @@ fn in_radians(
         return Err(Fault::data(what)
             .in_file(&predictions.file)
             .in_line(&line.flight, &line.line)
-            .help("convert them to degrees"));
+            .help("convert the positions to degrees"));
     }
     Ok(())
 }

@@ -296,7 +296,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     names.sort_unstable();
     if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        err!("error: the catalogue has two stages `{}`\n  help: rename one of them", pair[0]);
+        err!("error: the catalogue has two stages `{}`\n  help: rename one of the two stages", pair[0]);
         return ended(2);
     }
     let command = match Cli::try_parse_from(arguments) {

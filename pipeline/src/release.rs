@@ -144,7 +144,7 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         tables.push(match *one {
             TableSelection::Stage(t) => {
                 let table = tables::of_stage(graph, &version, t, root)?;
-                let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+                let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
                 ReleaseTable { stage: Some(node.entry.name.to_owned()), description: first(&node.entry.doc), ..table }
             }
             TableSelection::Flights(i) => tables::of_flights(graph, store, i, root)?,
@@ -294,7 +294,7 @@ fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<Str
 fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let spec = &graph.plan.spec;
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
-    let run = || format!("run it first: `magline run {}{sets}`", spec.file);
+    let run = || format!("run the spec first: `magline run {}{sets}`", spec.file);
     let version = current(store.root(), &spec.name).filter(|_| html::is_current(graph, store));
     version.ok_or_else(|| Fault::new(format!("the store has no current results of {}", spec.file)).help(run()))
 }

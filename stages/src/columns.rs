@@ -91,7 +91,7 @@ pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -
             "`{entry}` is the value of an earlier sample, but the line is sampled at {from_hz} Hz and the model was \
              fitted at {to_hz} Hz"
         );
-        Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
+        Fault::data(what).help(format!("add a `resample` stage at {to_hz} Hz before `features`"))
     })
 }
 
@@ -133,7 +133,7 @@ pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault
         return Ok(());
     }
     let what = format!("`{}` is a truth column and cannot be a feature", column.name);
-    Err(Fault::new(what).of_param(param).help("set `allow_truth = true` to allow it"))
+    Err(Fault::new(what).of_param(param).help("set `allow_truth = true` to permit truth columns"))
 }
 
 /// Role of a column that is computed from the columns `names`: truth if one of them is truth.

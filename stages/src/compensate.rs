@@ -93,7 +93,7 @@ impl Stage for Compensate {
         };
         if shape.get("term").is_none() {
             return Err(vec![
-                Fault::new("`model` has no column `term`").help("name the table of a `fit`").of_param("model"),
+                Fault::new("`model` has no column `term`").help("name the table of a stage `fit`").of_param("model"),
             ]);
         }
         let mut faults = vec![];
@@ -138,11 +138,12 @@ impl Stage for Compensate {
             "standard deviation of the prediction; null if the model does not provide one",
         ));
         if self.parts {
-            let vectors =
-                PART_VECTORS.map(|name| (format!("part_{name}"), "vector of a model 3; null for other models"));
+            let vectors = PART_VECTORS.map(|name| {
+                (format!("part_{name}"), "component of a vector of the model 3 family; null for other models")
+            });
             let scalars = [
                 ("part_linear".to_owned(), "prediction of the linear terms"),
-                ("part_network".to_owned(), "prediction without that of the linear terms"),
+                ("part_network".to_owned(), "prediction minus the prediction of the linear terms"),
             ];
             let made = |(name, doc): (String, &str)| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
             columns.extend(scalars.into_iter().chain(vectors).map(made));

@@ -52,7 +52,7 @@ pub fn twice(
         (None, Some(true) | None) => format!("{correction} has been removed from only some of {}", names()),
         (Some(_) | None, _) => return None,
     };
-    let help = format!("{off}, or name the reading without that correction");
+    let help = format!("{off}, or name a reading to which this correction has not been applied");
     Some(Fault::new(what).help(help).of_param(param))
 }
 

@@ -87,7 +87,7 @@ impl Derive {
             (ExpressionUnit::Any | ExpressionUnit::Unknown, None) => {
                 let fault = Fault::new(format!("the unit of `{name}` cannot be inferred from its expression"));
                 return Err(fault
-                    .help(format!("set it, for example `units = {{ {name} = \"nT\" }}`"))
+                    .help(format!("set the unit, for example `units = {{ {name} = \"nT\" }}`"))
                     .of_param("columns"));
             }
         };

@@ -154,7 +154,9 @@ impl Stage for Diurnal {
         if records.len() > 1 && place.is_empty() {
             let fault = Fault::new("several stations are weighted by distance, but `input` has no position");
             faults.push(
-                fault.help("name one record, or set `position` to a position that `input` has").of_param("position"),
+                fault
+                    .help("name one record, or set `position` to a source of positions in `input`")
+                    .of_param("position"),
             );
         }
         if crate::columns::is_key(&self.column) {
@@ -209,7 +211,7 @@ impl LineStage for Diurnal {
     }
 
     fn run(&self, line: &LineInput, stations: &Stations) -> LineOutput {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let midnight = first_midnight(batch)?;
         let midnight = midnight.ok_or_else(|| Fault::data("the line has no date").help(WAYS_OUT_OF_NO_DAY))?;
         let since_s = DAY_S * (midnight - stations.first_day) as f64;
@@ -276,7 +278,7 @@ fn not_covered(stations: &Stations, times: &[f64]) -> Fault {
         day(first),
         day(last)
     );
-    Fault::data(what).help("name the record of the line's days, or raise `max_gap_s`")
+    Fault::data(what).help("name a record that covers the days of the line, or raise `max_gap_s`")
 }
 
 #[cfg(test)]

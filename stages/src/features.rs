@@ -194,7 +194,8 @@ impl Features {
     /// Features of a set; any other name is returned unchanged.
     fn spelt(&self, name: &str) -> Result<Vec<String>, Fault> {
         let need = |given: &Option<String>, param: &'static str| {
-            let missing = || Fault::new(format!("the set `{name}` requires `{param}`; set it")).of_param("features");
+            let missing =
+                || Fault::new(format!("the set `{name}` requires `{param}`; set `{param}`")).of_param("features");
             given.clone().ok_or_else(missing)
         };
         match name {

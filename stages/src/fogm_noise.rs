@@ -140,7 +140,9 @@ fn found(point: &FogmNoise, lines: &[&ResidualRuns]) -> Result<StageOutput, Faul
     let rate_hz = lines.first().map_or(1.0, |line| line.rate_hz);
     if let Some(other) = lines.iter().find(|line| (line.rate_hz / rate_hz - 1.0).abs() > 1e-6) {
         let what = format!("the lines have different sample rates: {rate_hz} and {} Hz", other.rate_hz);
-        return Err(Fault::data(what).in_column("tt").help("use `resample` to bring them to the same rate"));
+        return Err(Fault::data(what)
+            .in_column("tt")
+            .help("add a `resample` stage, so that all lines have the same rate"));
     }
     let runs: Vec<&[f64]> = lines.iter().flat_map(|line| &line.runs).map(Vec::as_slice).collect();
     let noise = fit(&runs, rate_hz, point.method).map_err(|e| {

@@ -196,7 +196,7 @@ impl Stage for Importance {
         };
         if shape.get("term").is_none() {
             return Err(vec![
-                Fault::new("`model` has no column `term`").help("name the table of a `fit`").of_param("model"),
+                Fault::new("`model` has no column `term`").help("name the table of a stage `fit`").of_param("model"),
             ]);
         }
         let mut faults = faults_of([lines.number(&self.target, "nT")], "target");

@@ -87,7 +87,7 @@ impl Join {
                 }
                 Ok(_) if input.get(&made).is_some() => {
                     let fault = Fault::new(format!("`input` already has a column `{made}`"));
-                    faults.push(fault.help("rename it with `suffix`").of_param("columns"));
+                    faults.push(fault.help("rename the column with `suffix`").of_param("columns"));
                 }
                 Ok(_) if found.iter().any(|c: &&Column| c.name == *name) => {
                     faults.push(Fault::new(format!("`{name}` is a duplicate")).of_param("columns"));
@@ -144,7 +144,9 @@ impl LineStage for Join {
     type Prepared = ();
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
-        let [input, with] = line.inputs.as_slice() else { return Err(Fault::bug("a join of other than two tables")) };
+        let [input, with] = line.inputs.as_slice() else {
+            return Err(Fault::bug("a join requires exactly two tables"));
+        };
         let times = floats(input, "tt")?;
         let shift = offset_s(input, with)?;
         let tt: Vec<f64> = floats(with, "tt")?.iter().map(|t| t + shift).collect();

@@ -88,7 +88,7 @@ impl LagStage {
 
     /// Lag of each column.
     fn lags(&self, line: &LineInput) -> Result<Vec<LagResult>, Fault> {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         // Pairs are counted by rows, so a line with a gap in time is rejected.
@@ -115,7 +115,7 @@ impl Stage for LagStage {
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if self.columns.contains(&self.reference) {
             let what = format!(
-                "`{}` is the reference and has no lag against itself; remove it from `columns`",
+                "`{}` is the reference and has no lag against itself; remove the column from `columns`",
                 self.reference
             );
             faults.push(Fault::new(what).of_param("columns"));

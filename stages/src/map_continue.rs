@@ -136,11 +136,11 @@ impl MapContinue {
             (Some(drape), GridHeight::Level(level_m)) => job.onto(*level_m, drape)?,
             (Some(_), GridHeight::Cells(_)) => {
                 return Err(Fault::data("the map is draped, so it cannot be continued to `drape`")
-                    .help("continue it to a level first with `map_continue` and `to_m`"));
+                    .help("continue the map to a level first with `map_continue` and `to_m`"));
             }
             (None, GridHeight::Cells(_)) if self.derivative.is_some() => {
                 let fault = Fault::data("a draped map cannot be differentiated");
-                return Err(fault.help("continue it to a level first with `map_continue` and `to_m`"));
+                return Err(fault.help("continue the map to a level first with `map_continue` and `to_m`"));
             }
             (None, GridHeight::Cells(heights)) => job.drape_to(heights, self.to_m.unwrap_or(f64::NAN))?,
             (None, GridHeight::Level(level_m)) => job.level_to(*level_m)?,
@@ -159,8 +159,8 @@ impl ContinuationJob<'_> {
     fn warn_if_far(&mut self, distance_m: f64) {
         if is_far(&self.plane, distance_m) {
             self.warnings.push(format!(
-                "{distance_m:.0} m is more than 1/50 of the map's shorter side; the unknown field beyond its edges \
-                 matters"
+                "{distance_m:.0} m is more than 1/50 of the map's shorter side, so the unknown field beyond the map's \
+                 edges matters"
             ));
         }
     }
@@ -193,8 +193,8 @@ impl ContinuationJob<'_> {
         let (plane, alpha_m2) = if up_m < 0.0 {
             let down = downward(&self.plane, -up_m, self.regularisation(), &padding).map_err(data)?;
             self.notes.push(format!(
-                "continued downward by {:.1} m with alpha = {:.3e} m2; continued back up, it differs from the \
-                 map by {:.3} nT rms",
+                "the map is continued downward by {:.1} m with alpha = {:.3e} m2; continued back up, the result \
+                 differs from the map by {:.3} nT rms",
                 -up_m, down.alpha_m2, down.regularisation_error_nt
             ));
             self.curve = Some(down.curve);
@@ -295,7 +295,7 @@ impl MapStage for MapContinue {
         let done = match grids(maps)?.as_slice() {
             [map] => self.apply(map, None)?,
             [map, drape, ..] => self.apply(map, Some(drape))?,
-            [] => return Err(Fault::bug("a stage of maps without a map")),
+            [] => return Err(Fault::bug("a stage that works on maps has no map")),
         };
         made(&done.map, done.warnings)
     }

@@ -143,12 +143,12 @@ fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<A
 fn expanded(map: &AnomalyGrid, nodes: usize) -> Result<AnomalyGrid, Fault> {
     let GridHeight::Level(alt_m) = map.height else {
         let fault = Fault::data("a draped map cannot be extended periodically");
-        return Err(fault.help("continue it to a level first with `map_continue`"));
+        return Err(fault.help("continue the map to a level first with `map_continue`"));
     };
     let plane = map.plane();
     if plane.unknown() > 0 {
         let fault = Fault::data("a map with gaps cannot be extended periodically");
-        return Err(fault.help("fill it first with `map_fill`"));
+        return Err(fault.help("fill the map first with `map_fill`"));
     }
     let (wide, _) = expand(&plane, nodes).map_err(data)?;
     Ok(map.with_plane(wide, GridHeight::Level(alt_m))?)
@@ -168,7 +168,7 @@ impl Stage for MapConvert {
 impl MapStage for MapConvert {
     fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let maps = grids(maps)?;
-        let map = maps.first().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
+        let map = maps.first().ok_or_else(|| Fault::bug("a stage that works on maps has no map"))?;
         made(&self.apply(map)?, vec![])
     }
 }

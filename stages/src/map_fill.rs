@@ -102,8 +102,8 @@ impl MapFill {
             return Ok(());
         }
         let (param, help) = match self.extend {
-            true => ("extend", "name them in `with`"),
-            false => ("method", "name them in `with`, or choose another `method`"),
+            true => ("extend", "name other maps in `with`"),
+            false => ("method", "name other maps in `with`, or choose another `method`"),
         };
         Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
     }
@@ -183,7 +183,7 @@ impl MapFill {
 }
 
 fn draped() -> Fault {
-    let help = "continue it to a level first with `map_continue`";
+    let help = "continue the map to a level first with `map_continue`";
     Fault::data("a draped map cannot be combined with others").help(help)
 }
 
@@ -207,8 +207,10 @@ fn compared(others: &[(String, AnomalyGrid)], done: &CombinedMap) -> Vec<String>
 /// Map continued upward by `up_m` to the height of another map. Unchanged if a height is unknown.
 fn at_level(plane: PlaneGrid, up_m: f64) -> Result<PlaneGrid, Fault> {
     if up_m < 0.0 {
-        let fault = Fault::data(format!("the map is {:.0} m above the map that it fills", -up_m));
-        return Err(fault.help("continue it downward first with `map_continue`, or fill the higher map"));
+        let fault = Fault::data(format!("the map is {:.0} m above the map whose gaps it fills", -up_m));
+        return Err(fault.help(
+            "continue this map downward first with `map_continue`, or fill the gaps of this map from the lower map",
+        ));
     }
     if up_m.is_nan() || up_m == 0.0 {
         return Ok(plane);
@@ -248,7 +250,7 @@ impl Stage for MapFill {
 impl MapStage for MapFill {
     fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let mut all = grids(maps)?.into_iter();
-        let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
+        let map = all.next().ok_or_else(|| Fault::bug("a stage that works on maps has no map"))?;
         let others: Vec<(String, AnomalyGrid)> =
             all.enumerate().map(|(i, other)| (format!("map {} of `with`", i + 1), other)).collect();
         let filled = self.apply(&map, &others)?;

@@ -112,7 +112,7 @@ impl MapVector {
         map.check_anomaly()?;
         let GridHeight::Level(level_m) = map.height else {
             let fault = Fault::data("the map is draped, so its field is not known on a level");
-            return Err(fault.help("continue it to a level first with `map_continue`"));
+            return Err(fault.help("continue the map to a level first with `map_continue`"));
         };
         let (mut notes, mut warnings) = (vec![], vec![]);
         let middle = map.middle_deg().ok_or_else(|| Fault::data("the middle of the map has no latitude"))?;
@@ -139,7 +139,8 @@ impl MapVector {
         if found.damped {
             warnings.push(format!(
                 "the inclination of the core field is {inclination_deg:.1} degrees; within 15 degrees of the \
-                 horizontal the map does not determine waves across the core field, and the component is too small"
+                 horizontal, the map does not determine waves perpendicular to the core field, so the component is too \
+                 small"
             ));
         }
         let (sin, cos) = grid_north_deg.to_radians().sin_cos();
@@ -173,8 +174,8 @@ impl MapVector {
         let widest_deg = angles_deg.fold(0.0, f64::max);
         if widest_deg > WIDEST_DEG {
             warnings.push(format!(
-                "the core field at a corner of the map is {widest_deg:.1} degrees from its direction at the middle; \
-                 divide the map into parts"
+                "the core field at a corner of the map is {widest_deg:.1} degrees from its direction at the middle of \
+                 the map; divide the map into parts"
             ));
         }
         let [north, east, down] = middle;
@@ -218,7 +219,7 @@ impl MapStage for MapVector {
                 let done = self.apply(map)?;
                 made(&done.map, done.warnings)
             }
-            [] => Err(Fault::bug("a stage of maps without a map")),
+            [] => Err(Fault::bug("a stage that works on maps has no map")),
         }
     }
 }

@@ -367,7 +367,7 @@ impl LineStage for Navigate {
 
     fn run(&self, line: &LineInput, prepared: &NavigationResources) -> LineOutput {
         let answer = Self::run_points(&[LinePoint { stage: self, line, prepared }]).pop();
-        answer.unwrap_or_else(|| Err(Fault::bug("a point was lost")))
+        answer.unwrap_or_else(|| Err(Fault::bug("the result of a point is missing")))
     }
 
     fn run_points(points: &[LinePoint<Self>]) -> Vec<LineOutput> {

@@ -173,7 +173,9 @@ impl Stage for AssumeNoise {
         if RESIDUAL.iter().any(|name| noise.get(name).is_none()) {
             let what = "`noise` has no noise columns";
             return Err(vec![
-                Fault::new(what).help("name the table of a `residual_noise`, `fogm_noise` or `fit`").of_param("noise"),
+                Fault::new(what)
+                    .help("name the table of a stage `residual_noise`, `fogm_noise` or `fit`")
+                    .of_param("noise"),
             ]);
         }
         let mut yields = StageSchema::append(noise_columns(&RESIDUAL), &["tt"]);

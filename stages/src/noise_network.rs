@@ -93,7 +93,7 @@ impl FilterGroups for PreparingFilter {
 
 impl NavigationFilter for PreparingFilter {
     fn navigate(&self, _: &FilterInput) -> Result<FilterTrack, Fault> {
-        Err(Fault::bug("a network is trained, not navigated with"))
+        Err(Fault::bug("a filter that prepares a training cannot navigate"))
     }
 }
 

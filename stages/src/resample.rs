@@ -101,7 +101,7 @@ impl Resample {
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
         again.then(|| {
             let what = format!("the lag of `{}` has already been removed", column.name);
-            Fault::new(what).help(format!("remove it from `{param}`")).of_param(param)
+            Fault::new(what).help(format!("remove the lag from `{param}`")).of_param(param)
         })
     }
 
@@ -173,7 +173,7 @@ fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column
             Some(first) => {
                 let name = &column.name;
                 let what = format!("both input {} and input {} have a column `{name}`", first + 1, i + 1);
-                let help = "rename one with `rename` of its table, or drop it with `select`";
+                let help = "rename one of the columns with `rename` in its table, or drop it with `select`";
                 return Err(Fault::new(what).help(help).of_param("input"));
             }
         }
@@ -274,7 +274,7 @@ impl LineStage for Resample {
 impl Resample {
     /// Inputs, with their times minus the lag of each input.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
-        let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {
             let shift = if i == 0 { 0.0 } else { offset_s(first, batch)? } - self.lag_of_input(i);
             Ok(ResampleInput { batch, tt: floats(batch, "tt")?.iter().map(|t| t + shift).collect() })

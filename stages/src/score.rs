@@ -51,7 +51,7 @@ pub const IN_SAMPLE: &str = "in_sample";
 
 /// Meaning of that column in a table of pooled scores.
 pub const POOLED_IN_SAMPLE: &str =
-    "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
+    "true if a line behind the value is in sample: used for a model, noise estimate or map, or to choose a parameter";
 
 /// Whether a pooled score counts as in sample: true if no held-out line has a value. `held_out` and `in_sample` are the
 /// numbers of lines with a value.

@@ -230,7 +230,7 @@ impl LineStage for Segments {
     type Prepared = ();
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let kinds = self.kinds(batch)?;
         let mut numbers = vec![0; kinds.len()];
         for (n, run) in runs(&kinds).into_iter().enumerate() {

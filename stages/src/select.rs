@@ -112,7 +112,7 @@ impl LineStage for Select {
     type Prepared = ();
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let schema = batch.schema();
         let kept = schema.fields().iter().zip(batch.columns()).filter(|(field, _)| self.keeps(field.name()));
         let Some(predicate) = self.predicate(&TableShape::from_schema(&schema))? else {

@@ -113,7 +113,11 @@ impl SimulateIns {
         let have =
             MADE.into_iter().chain([INS_GRADE]).find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
-        Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
+        Some(
+            Fault::new(what)
+                .help("set `replace = true` to replace these columns by the simulated INS")
+                .of_param("replace"),
+        )
     }
 
     fn model(&self) -> InsErrorModel {
@@ -195,7 +199,9 @@ fn known<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
 fn named(e: numerics::navigation::ins_series::SeriesError, lat: &str) -> Fault {
     use numerics::navigation::ins_series::SeriesError as E;
     match e {
-        E::Time { row, .. } => data(e).in_column("tt").in_row(row as u64).help("add a `resample` before this stage"),
+        E::Time { row, .. } => {
+            data(e).in_column("tt").in_row(row as u64).help("add a `resample` stage before this one")
+        }
         E::Latitude { row, .. } => data(e).in_column(lat).in_row(row as u64),
         E::TooShort { .. } | E::Length { .. } | E::NotFinite { .. } => data(e),
     }

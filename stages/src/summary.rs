@@ -160,7 +160,7 @@ impl SurveyAggregator for SummaryAggregator {
         let value = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
         let n = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
         let (Some(metric), Some(value), Some(n)) = (text("metric"), value, n) else {
-            return Err(Fault::data("the line's scores lack a column"));
+            return Err(Fault::data("the scores of the line lack the column `metric`, `value` or `n`"));
         };
         // All points use the same list.
         let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();

@@ -115,7 +115,7 @@ fn user_runs_are_compared_and_unequal_rows_are_marked() {
     );
     let truth = compare(4, 5);
     assert!(
-        reasons(&truth, "std_error").iter().all(|r| r.starts_with("another stage of scores: ")),
+        reasons(&truth, "std_error").iter().all(|r| r.starts_with("the scores were computed differently: ")),
         "{}",
         truth["reasons"]
     );

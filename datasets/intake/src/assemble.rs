@@ -140,7 +140,7 @@ fn gap_fault(options: &FlightOptions, gap: &IdentifierGap) -> Fault {
     let column = if options.is_missing(&gap.flight) { "flight" } else { "line" };
     Fault::data("the identifier is missing")
         .in_column(column)
-        .help("set flight and line in every row, or remove the row")
+        .help("set flight and line in every row, or remove rows without these identifiers")
 }
 
 fn text(column: &StringArray, row: usize) -> &str {

@@ -192,7 +192,7 @@ impl LineDivider<'_> {
     /// # Errors
     /// Fails for a batch without these columns, which is an error in the program.
     pub fn divide(&mut self, batch: &RecordBatch, faults: &[RowFault]) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
-        let lost = || Fault::bug("a batch of flights lacks a key");
+        let lost = || Fault::bug("a batch of flights lacks a key column");
         let column = |name: &str| batch.column_by_name(name).ok_or_else(lost);
         let flight = column("flight")?.as_string_opt::<i32>().ok_or_else(lost)?;
         let tt = column("tt")?.as_primitive_opt::<Float64Type>().ok_or_else(lost)?;

@@ -319,7 +319,7 @@ fn guessed(kind: PhysicalQuantity, value: f64) -> Option<String> {
     }
     match kind {
         PhysicalQuantity::Variation | PhysicalQuantity::Anomaly if (15_000.0..80_000.0).contains(&value) => {
-            Some("it is probably a total field; subtract its mean or the core field".to_owned())
+            Some("the column is probably a total field; subtract its mean or the core field".to_owned())
         }
         PhysicalQuantity::Year if (0.0..100.0).contains(&value) => Some(format!(
             "write the year with four digits, \

@@ -63,7 +63,7 @@ pub(super) fn named(
             Err(other_unit(path, first, name, "its name implies", &unit, wanted))
         }
         (None, Err(unit_name::UnitNameError::Ambiguous(unit))) => {
-            let what = format!("its name ends in `{unit}`, which may be its unit, but `{name}` must be in {wanted}");
+            let what = format!("its name ends in `{unit}`, which may be the unit, but `{name}` must be in {wanted}");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
     }
@@ -102,7 +102,7 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
         return Err(ReadError::options(path, what).nearest(missing, &names));
     }
     let Some(missing) = options.units.keys().find(|k| !own.contains(k)) else { return Ok(()) };
-    let fault = ReadError::options(path, format!("`units` has the column `{missing}`, which does not exist"));
+    let fault = ReadError::options(path, format!("`units` names the column `{missing}`, which does not exist"));
     Err(match options.rename.iter().find(|(_, to)| *to == missing) {
         Some((from, _)) => fault.help(format!("use the name in the file: `{from}`")),
         None => fault.nearest(missing, own),

@@ -144,8 +144,8 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
     }
     let what = format!("`{}` is text, but `tt` must be in seconds past midnight UTC", text.escape_debug());
     let help = format!(
-        "read it through a mapping with `time = {{ from = {name:?}, clock = \"text\" }}`; \
-         `magline init FILE` writes the mapping and the spec"
+        "read the file through a mapping with `time = {{ from = {name:?}, clock = \"text\" }}`; `magline init FILE` \
+         writes the mapping and the spec"
     );
     Err(ReadError::options(path, what).in_column(name).help(help))
 }

@@ -6,7 +6,7 @@ use crate::ReadError;
 /// Position of a signature, its bytes, the name of the format, and the remedy.
 type FormatSignature = (usize, &'static [u8], &'static str, &'static str);
 
-const UNPACK: &str = "unpack it and use the file inside";
+const UNPACK: &str = "unpack the archive and use the file inside";
 const EXPORT: &str = "export the data as GeoTIFF, NetCDF, GXF, CSV or Parquet";
 
 const SIGNATURES: &[FormatSignature] = &[
@@ -19,9 +19,9 @@ const SIGNATURES: &[FormatSignature] = &[
     (0, b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
     (0, b"Rar!\x1a\x07", "a RAR archive", UNPACK),
     (257, b"ustar", "a tar archive", UNPACK),
-    (0, b"\x0e\x03\x13\x01", "an HDF4 file", "convert it to NetCDF-4 or HDF5, for example with `h4toh5`"),
-    (0, b"GRIB", "a GRIB file", "convert it to NetCDF, for example with `gdal_translate -of netCDF`"),
-    (0, b"EHFA_HEADER_TAG", "an ERDAS Imagine raster", "convert it to GeoTIFF with `gdal_translate`"),
+    (0, b"\x0e\x03\x13\x01", "an HDF4 file", "convert the file to NetCDF-4 or HDF5, for example with `h4toh5`"),
+    (0, b"GRIB", "a GRIB file", "convert the file to NetCDF, for example with `gdal_translate -of netCDF`"),
+    (0, b"EHFA_HEADER_TAG", "an ERDAS Imagine raster", "convert the file to GeoTIFF with `gdal_translate`"),
     (0, b"GRID1.2\0", "the header of an Esri binary grid", "convert its folder to GeoTIFF with `gdal_translate`"),
     (
         0,
@@ -29,19 +29,19 @@ const SIGNATURES: &[FormatSignature] = &[
         "a part of an Esri binary grid",
         "convert its folder to GeoTIFF with `gdal_translate`",
     ),
-    (0, b"\0\0\x27\x0a\0\0", "an Esri shapefile", "export its points as CSV or Parquet"),
+    (0, b"\0\0\x27\x0a\0\0", "an Esri shapefile", "export the points as CSV or Parquet"),
     (0, b"SQLite format 3\0", "an SQLite database, such as a GeoPackage", EXPORT),
     (0, b"ARROW1\0\0", "an Arrow IPC or Feather file", "write it as Parquet"),
     (0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a document of a Microsoft Office program", EXPORT),
     (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", "use the grid from which the picture was made"),
     (0, b"\xff\xd8\xff", "a JPEG picture", "use the grid from which the picture was made"),
     (0, b"GIF8", "a GIF picture", "use the grid from which the picture was made"),
-    (0, b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`"),
+    (0, b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch the file with `git lfs pull`"),
     (0, b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (0, b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
-    (0, b"NITF", "an NITF raster", "convert it to GeoTIFF with `gdal_translate`"),
-    (0, b"ENVI\n", "the header of an ENVI raster", "convert it to GeoTIFF with `gdal_translate`"),
-    (0, b"ENVI\r\n", "the header of an ENVI raster", "convert it to GeoTIFF with `gdal_translate`"),
+    (0, b"NITF", "an NITF raster", "convert the file to GeoTIFF with `gdal_translate`"),
+    (0, b"ENVI\n", "the header of an ENVI raster", "convert the file to GeoTIFF with `gdal_translate`"),
+    (0, b"ENVI\r\n", "the header of an ENVI raster", "convert the file to GeoTIFF with `gdal_translate`"),
     (0, b"{\\rtf", "a document in RTF", EXPORT),
 ];
 
@@ -76,7 +76,7 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     let ends = |ending: &str| head.path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     raw.into_iter().any(ends).then_some((
         "a raw raster, whose layout is in a file next to it",
-        "convert it to GeoTIFF with `gdal_translate`",
+        "convert the file to GeoTIFF with `gdal_translate`",
     ))
 }
 

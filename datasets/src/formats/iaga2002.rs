@@ -240,12 +240,12 @@ impl IagaHeader {
             (ComponentConversion::Hez(_), Some(baseline), _) | (_, Some(baseline), Some(_)) => return Ok(baseline),
             (ComponentConversion::Hez(_), None, _) => (
                 "H and E are relative to a direction that the file lacks",
-                "add the declination of H to the header, as `# DECBAS <tenths of minutes of arc, east>`",
+                "add the declination of the H axis to the header, as `# DECBAS <tenths of minutes of arc, east>`",
             ),
             (_, None, _) => (
                 "D is relative to a direction that the file lacks",
-                "add the zero of D to the header, as `# DECBAS <tenths of minutes of arc, east>`; \
-                 use `# DECBAS 0` if D is the full declination",
+                "add the baseline of D to the header, as `# DECBAS <tenths of minutes of arc, east>`; use `# DECBAS 0` \
+                 if D is the full declination",
             ),
             (_, Some(_), None) => (
                 "D may be relative to `DECBAS` or the full declination",

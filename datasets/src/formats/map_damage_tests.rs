@@ -228,8 +228,8 @@ fn gold_unusual_texts() {
             "easting northing anomaly\n0 0 1\n1 * 1\n2 0 1\n3 0 1\n",
             "column `northing`, row 1: the node has no position",
         ),
-        ("a b c d\n0 0 1 2\n1 0 1 2\n2 0 1 2\n", "easting, northing and anomaly)"),
-        ("0 0 1 2\n1 0 1 2\n2 0 1 2\n", "lon, lat, anomaly or easting, northing, anomaly)"),
+        ("a b c d\n0 0 1 2\n1 0 1 2\n2 0 1 2\n", "`easting`, `northing` and `anomaly`)"),
+        ("0 0 1 2\n1 0 1 2\n2 0 1 2\n", "`lon`, `lat`, `anomaly`, or `easting`, `northing`, `anomaly`)"),
     ] {
         let fault = fault_text("a.xyz", text);
         assert!(fault.contains(expected), "{fault}");

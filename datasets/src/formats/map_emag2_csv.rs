@@ -102,7 +102,9 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         rows += 1;
         for ((places, index), place) in places.iter_mut().zip(row.cell).zip(row.place) {
             if *places.entry(index).or_insert(place) != place {
-                return Some(format!("index {index} has the coordinate {place}, but another coordinate before"));
+                return Some(format!(
+                    "index {index} has the coordinate {place}, but a different coordinate in an earlier row"
+                ));
             }
         }
         None
@@ -156,8 +158,8 @@ fn rows_of(path: &Path, column: usize, mut take: impl FnMut(Emag2Row) -> Option<
             continue;
         }
         let row = Emag2Row::parse(text, column).ok_or_else(|| {
-            let what = "must have 8 numbers: indices i and j, longitude and latitude of the middle of a cell of 2 \
-                        minutes, anomaly at sea level and at 4 km, code, error";
+            let what = "must have 8 numbers: indices i and j, longitude and latitude of the centre of a cell of 2 \
+                        minutes of arc, anomaly at sea level and at 4 km, code, error";
             ReadError::data(path, what).in_row(at)
         })?;
         if let Some(what) = take(row) {

@@ -153,7 +153,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let what = format!("the grid is rotated by {} degrees", header.rotation);
         return Err(ReadError::data(path, what).help("warp the grid to north-up first"));
     }
-    let help = "export it as GXF or ER Mapper";
+    let help = "export the grid as GXF or ER Mapper";
     let element = GeosoftElement::new(header.size % COMPRESSED, header.sign);
     let element = element.ok_or_else(|| {
         let what = format!("elements of {} bytes with the sign flag {} are not numbers", header.size, header.sign);

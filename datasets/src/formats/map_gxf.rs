@@ -162,7 +162,9 @@ impl<'a> GxfObjects<'a> {
         let y = axis("y", south, dy, height, from_north)?;
         let mut draft = MapDraft::new(self.path, x, y, values, self.system());
         if from_east || from_north {
-            draft.notes.push("the origin of the file is read as its bottom left corner, as GXF defines it".to_owned());
+            draft.notes.push(
+                "the origin in the file is read as the bottom left corner of the grid, as GXF defines it".to_owned(),
+            );
         }
         Ok(draft)
     }

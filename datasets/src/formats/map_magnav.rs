@@ -16,7 +16,7 @@ use crate::{
 use grids::AnomalyGrid;
 
 /// The note on every map of MagNav.jl.
-pub(super) const NOTE: &str = "nodes of exactly 0 are unknown, as in MagNav.jl";
+pub(super) const NOTE: &str = "nodes with the value 0 are treated as unknown, as in MagNav.jl";
 
 /// The names of the components of a vector map, in the order north, east, down.
 pub(super) const COMPONENTS: [&str; 3] = ["mapX", "mapY", "mapZ"];

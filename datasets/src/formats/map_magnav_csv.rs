@@ -36,7 +36,8 @@ fn folder(path: &Path) -> Option<PathBuf> {
 }
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let folder = folder(path).ok_or_else(|| ReadError::options(path, "name the folder or its map.csv"))?;
+    let folder =
+        folder(path).ok_or_else(|| ReadError::options(path, "give the folder, or the file map.csv in the folder"))?;
     map_magnav::read(path, options, &MagnavCsvFolder { folder: &folder }, Vec::new)
 }
 

@@ -165,7 +165,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             (None, several) => {
                 let names: Vec<&str> = several.iter().map(|v| v.name()).collect();
                 Err(ReadError::data(self.path, format!("the file holds several grids: {}", names.join(", ")))
-                    .help("keep only one of them, or name one of them `z`"))
+                    .help("keep only one grid in the file, or name one grid `z`"))
             }
         }
     }

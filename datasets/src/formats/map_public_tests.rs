@@ -164,7 +164,7 @@ fn gold_damaged_emag2_files_name_the_row() {
     }
     assert!(wrong(&|rows| rows.push(rows[9].clone())).unwrap_err().contains("row 35: duplicate cell"));
     let moved = wrong(&|rows| rows[9] = field(2, "355.116667")).unwrap_err();
-    assert!(moved.contains("has the coordinate 355.116667, but another coordinate before"), "{moved}");
+    assert!(moved.contains("has the coordinate 355.116667, but a different coordinate in an earlier row"), "{moved}");
     // A cell far away declares a grid of millions of cells.
     let far = "1,1,0.016667,-89.983333,1.00,1.00,1,1".to_owned();
     assert!(wrong(&|rows| rows.push(far.clone())).is_err());
@@ -198,7 +198,7 @@ fn gold_geosoft_grids_that_are_not_read_say_why() {
         fault(&path, &utm)
     };
     assert!(changed(52, &30.0_f64.to_le_bytes()).contains("the grid is rotated by 30 degrees"));
-    assert!(changed(4, &3_i32.to_le_bytes()).contains("are not numbers (export it as GXF or ER Mapper)"));
+    assert!(changed(4, &3_i32.to_le_bytes()).contains("are not numbers (export the grid as GXF or ER Mapper)"));
     assert!(changed(16, &2_i32.to_le_bytes()).contains("the orientation 2 of the grid is not supported"));
     assert!(changed(8, &1_000_000_i32.to_le_bytes()).contains("it declares 1000000 x 5 nodes but has 140 bytes"));
     assert!(changed(68, &0.0_f64.to_le_bytes()).contains("the scale inf"), "a multiplier of 0");

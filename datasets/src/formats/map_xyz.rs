@@ -83,7 +83,7 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
         return match width {
             3 => Ok((0, 1, 2, false)),
             _ => Err(ReadError::data(path, format!("the {width} columns have no names"))
-                .help("name them in a first row: lon, lat, anomaly or easting, northing, anomaly")),
+                .help("name the columns in a first row: `lon`, `lat`, `anomaly`, or `easting`, `northing`, `anomaly`")),
         };
     }
     let degrees = table.find(LONGITUDES).zip(table.find(LATITUDES));
@@ -92,7 +92,7 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
     match (place, value) {
         (Some((x, y)), Some(value)) => Ok((x, y, value, degrees.is_some())),
         _ => Err(ReadError::data(path, format!("the columns are {}", table.names.join(", ")))
-            .help("a map needs the columns lon, lat and anomaly, or easting, northing and anomaly")),
+            .help("a map needs the columns `lon`, `lat` and `anomaly`, or `easting`, `northing` and `anomaly`")),
     }
 }
 

@@ -223,7 +223,10 @@ impl MfamRowParser {
                     let number = if whole { self.missing.number(&text) } else { Some(f64::NAN) };
                     if number.is_none() {
                         let what = ReadError::data(&self.path, format!("`{text}` is not a number"));
-                        wrong(what.in_column(&column.header).help("if it marks a missing value, add it to `missing`"));
+                        wrong(
+                            what.in_column(&column.header)
+                                .help("if the text marks a missing value, add it to `missing`"),
+                        );
                     }
                     to.numbers[i].push(number.unwrap_or(f64::NAN));
                 }

@@ -331,8 +331,8 @@ impl<'a> PointColumnRoles<'a> {
         let possible = |alt: &f64| alt.is_nan() || limits("alt").is_none_or(|l| l.holds(*alt));
         if let Some(row) = heights.iter().position(|alt| usual && !possible(alt)) {
             let what = format!("{} m is outside the plausible range of flight heights", heights[row]);
-            let help = "if it marks a missing value, set `missing` or use `--missing`; set `accept = [\"range\"]` or \
-                        use `--accept range` to keep the values";
+            let help = "if the value marks missing data, set `missing` or use `--missing`; set `accept = [\"range\"]` \
+                        or use `--accept range` to keep the values";
             return Err(ReadError::data(path, what).in_column(&column.name).in_row(row as u64).help(help));
         }
         Ok(heights)

@@ -297,7 +297,7 @@ impl SglXyzReader {
             };
             if let (None, Some(word), Some(column)) = (number, row.word(i), self.columns.get(i)) {
                 let fault = ReadError::data(&self.path, format!("`{word}` is not a number")).in_column(&column.header);
-                let help = "if it marks a missing value, add it to `missing`";
+                let help = "if the text marks a missing value, add it to `missing`";
                 wrong(fault.help(format!("line {} of the file; {help}", row.text_line)));
             }
             numbers.push(number.unwrap_or(f64::NAN));

@@ -37,7 +37,7 @@ pub(super) fn refuse_stale(path: &Path) -> Result<(), ReadError> {
     let stale = existing(path).into_iter().next();
     stale.map_or(Ok(()), |side| {
         let what = format!("`{}` belongs to an earlier file, but would be applied to the new file", side.display());
-        Err(ReadError::options(path, what).help("remove it, or choose another output name"))
+        Err(ReadError::options(path, what).help("remove the earlier file, or choose another output name"))
     })
 }
 

@@ -293,7 +293,7 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
         (
             "word",
             "7,1,0.1,high\n",
-            "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; if it marks a missing value, \
+            "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; if the text marks a missing value, \
              add it to `missing`)",
         ),
         ("comma", "7,1,0.1,1,5\n", "row 1: the row has 5 values, but the header has 4 (line 3 of the file)"),

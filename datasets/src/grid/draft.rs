@@ -156,7 +156,7 @@ impl<'a> MapDraft<'a> {
         let [scale, offset] = self.packing;
         if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
             let what = format!("the scale {scale} and the offset {offset} of the values are invalid");
-            return Err(ReadError::data(self.path, what).help("correct them in the file"));
+            return Err(ReadError::data(self.path, what).help("correct scale and offset in the file"));
         }
         if self.packing != PLAIN {
             self.values.iter_mut().for_each(|v| *v = *v * scale + offset);
@@ -283,7 +283,7 @@ impl<'a> MapDraft<'a> {
         without_markers(&mut cells, missing, !accepted(&options.accept), &mut self.notes);
         if let Some(cell) = cells.iter().position(|alt| !possible(*alt)) {
             let alt = cells.get(cell).copied().unwrap_or(f64::NAN);
-            let help = "if it marks a missing value, add it to `missing`; set `accept = [\"range\"]` to keep it";
+            let help = "if the value marks missing data, add it to `missing`; set `accept = [\"range\"]` to keep it";
             return Err(self.in_cell("alt", cell, &impossible(alt)).help(help));
         }
         let first = cells.iter().copied().find(|a| !a.is_nan());

@@ -145,18 +145,20 @@ impl Bucket {
         if is_missing_bucket(error) {
             let ObjectAddress { scheme, bucket, .. } = &self.address;
             return Fault::machine(format!("there is no bucket {}://{bucket}", scheme.as_str()))
-                .help("create it with the tools of its provider, or use another bucket");
+                .help("create the bucket with the tools of its provider, or use another bucket");
         }
         match error {
             Error::Precondition { .. } => {
-                Fault::machine(format!("cannot {doing} {address}: another process replaced it")).help("run again")
+                Fault::machine(format!("cannot {doing} {address}: another process replaced the object"))
+                    .help("run again")
             }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
                 Fault::machine(format!("cannot {doing} {address}: there are no credentials"))
                     .help("set credentials in the environment or a profile; see pipeline/OBJECTS.md")
             }
-            _ if is_forbidden(error, &text) => Fault::machine(what)
-                .help("the credentials in the environment or the profile do not permit it; see pipeline/OBJECTS.md"),
+            _ if is_forbidden(error, &text) => Fault::machine(what).help(
+                "the credentials in the environment or the profile do not permit this request; see pipeline/OBJECTS.md",
+            ),
             Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what)
                 .help("the server lacks an operation that a store requires, such as conditional writes"),
             _ if text.contains("status code: 30") => {

@@ -16,7 +16,7 @@ pub fn supported() -> Result<(), Fault> {
         return Ok(());
     }
     let fault = Fault::new("this magline was built without the feature `object-stores` (s3://, gs://, az://)");
-    Err(fault.help("build it with `cargo build --features object-stores`, or use a folder"))
+    Err(fault.help("build magline with `cargo build --features object-stores`, or use a folder"))
 }
 
 /// Endpoint of a kind of store, or the account for Azure, from the environment; empty for the provider's own endpoint.
@@ -48,7 +48,7 @@ pub fn connect(address: &ObjectAddress) -> Result<Bucket, Fault> {
 
 #[cfg(not(feature = "object-stores"))]
 fn open(_: &ObjectAddress) -> Result<Bucket, Fault> {
-    Err(Fault::bug("a connection without object stores"))
+    Err(Fault::bug("a connection is requested from a build without object stores"))
 }
 
 #[cfg(feature = "object-stores")]
@@ -149,9 +149,9 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
         Some("https") => Ok(()),
         Some("http") if plain => Ok(()),
         Some("http") => Err(Fault::machine("the S3 endpoint does not use TLS")
-            .help("set AWS_ALLOW_HTTP=true to permit this, or use an https:// endpoint")),
+            .help("set AWS_ALLOW_HTTP=true to permit a connection without TLS, or use an https:// endpoint")),
         Some(_) | None => Err(Fault::machine("the S3 endpoint (AWS_ENDPOINT_URL) is not a valid address")
-            .help("write it as https://HOST or http://HOST:PORT")),
+            .help("write the endpoint as https://HOST or http://HOST:PORT")),
     }
 }
 
@@ -161,7 +161,8 @@ fn no_password(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint) {
         Ok(url) if !url.username().is_empty() || url.password().is_some() || url.query().is_some() => {
             Err(Fault::machine("the endpoint of the object store contains a user, a password or a query").help(
-                "write it as https://HOST or http://HOST:PORT; set credentials as described in pipeline/OBJECTS.md",
+                "write the endpoint as https://HOST or http://HOST:PORT; set credentials as described in \
+                 pipeline/OBJECTS.md",
             ))
         }
         _ => Ok(()),

@@ -74,7 +74,7 @@ impl BucketCache {
         let file = self.file(&about.key)?;
         let (folder, name) = match (file.parent(), file.file_name()) {
             (Some(folder), Some(name)) => (folder, name.to_string_lossy().into_owned()),
-            _ => return Err(Fault::bug("an object without a name")),
+            _ => return Err(Fault::bug("an object has no name")),
         };
         let note = folder.join(format!(".{name}.etag"));
         let version = match &about.tag {

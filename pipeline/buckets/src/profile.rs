@@ -71,7 +71,7 @@ impl AwsProfile {
         }
         match (AwsProfile::from_texts(&texts, &name), named) {
             (None, Some(name)) => Err(Fault::machine(format!("there is no profile `{name}` (AWS_PROFILE)"))
-                .help("add it to ~/.aws/credentials or ~/.aws/config")),
+                .help("add the profile to ~/.aws/credentials or ~/.aws/config")),
             (found, _) => Ok(found),
         }
     }
@@ -106,7 +106,8 @@ impl AwsProfile {
         } else if self.other && self.access_key_id.is_none() && set("AWS_ACCESS_KEY_ID").is_none() {
             let what = format!("another program must request the credentials of the profile `{}`", self.name);
             return Err(Fault::machine(what).help(
-                "put them into the environment with `eval \"$(aws configure export-credentials --format env)\"`",
+                "put the credentials into the environment with `eval \"$(aws configure export-credentials --format \
+                 env)\"`",
             ));
         }
         if let (None, None, Some(region)) = (set("AWS_REGION"), set("AWS_DEFAULT_REGION"), &self.region) {

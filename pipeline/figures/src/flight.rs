@@ -134,7 +134,7 @@ fn check(picture: &FlightPicture) -> Result<(), Fault> {
     let lines = picture.panels.iter().flat_map(|p| &p.lines).all(|(_, _, values)| values.len() == n);
     let kinds = picture.kind.iter().chain(picture.parts.iter().map(|p| &p.kind)).all(|k| *k < picture.kinds.len());
     if !(even && lines && kinds) {
-        return Err(Fault::bug("the columns of a flight's picture do not agree"));
+        return Err(Fault::bug("the columns of a flight's picture have different lengths"));
     }
     let ends = picture.time.first().zip(picture.time.last());
     if ends.is_none_or(|(a, b)| !(b > a && (b - a).is_finite())) {

@@ -134,7 +134,7 @@ impl PlanGraph<'_> {
                 self.key(PlanUnit { table: t, instance: i, line: None })
             }
             TableRef::Stage(..) | TableRef::Flights(_) => {
-                Err(Fault::bug("a table of lines where a model or a map is needed"))
+                Err(Fault::bug("a table of lines is used where a model or map is required"))
             }
         }
     }

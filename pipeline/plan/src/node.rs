@@ -233,10 +233,12 @@ impl<'p> StageInstance<'p> {
     /// # Errors
     /// Never fails for a checked plan.
     pub fn stage(&self) -> Result<AnyStage, Fault> {
-        let decl = self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::bug("a table without a stage"))?;
+        let decl = self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::bug("a table has no stage"))?;
         let own = own_args(decl, &self.node.entry);
         let made = (self.node.entry.build)(&args_at(&own, &self.point()));
-        made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage that is refused")))
+        made.map_err(|faults| {
+            faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage of a checked plan is rejected"))
+        })
     }
 
     /// Parameters in canonical spelling.

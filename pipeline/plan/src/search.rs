@@ -59,7 +59,7 @@ impl PlanBuilder<'_> {
             let at =
                 search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
             let fault = Fault::new(format!("no stage uses the searched axis `{name}`")).at(at);
-            self.faults.push(fault.help(format!("use it in a parameter: `\"${name}\"`")));
+            self.faults.push(fault.help(format!("use the axis in a parameter: `\"${name}\"`")));
         }
         if self.broken.contains(&search.table) {
             return;
@@ -93,7 +93,7 @@ impl PlanBuilder<'_> {
             let words: Vec<&str> = items.iter().filter_map(Literal::as_text).collect();
             if !words.contains(&metric.name) && !words.iter().any(|w| w.starts_with('$')) {
                 let what = format!("`{}` is not among the `metrics` of `{}`", metric.name, node.name);
-                self.faults.push(goal(Fault::new(what).help("add it to `metrics`")));
+                self.faults.push(goal(Fault::new(what).help("add the metric to `metrics`")));
             }
         }
         if !node.axes.iter().any(|a| self.spec.searched.contains(a)) {

@@ -17,7 +17,8 @@ impl TableNode {
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
-                "true if this line was used by a model, noise or map behind the score, or to choose a parameter"
+                "true if the line was used to make a model, noise estimate or map that the score depends on, or to \
+                 choose a parameter"
             }
             Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => POOLED_IN_SAMPLE,
             Grain::Line | Grain::Survey | Grain::Map => return None,
@@ -32,7 +33,7 @@ impl PlanGraph<'_> {
     /// # Errors
     /// Fails if the goal of the search selects no line.
     pub fn seen(&self, t: usize) -> Result<&InSampleLines, Fault> {
-        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
+        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
         seen.get_or_init(|| InSampleLines::new(self, t)).as_ref().map_err(Clone::clone)
     }
 

@@ -48,7 +48,8 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
 /// Fails if the chain or the key is invalid.
 pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, Fault> {
     let wrong = |why: &dyn std::fmt::Display| {
-        Fault::new(format!("the certificate or its key is invalid: {why}")).help("both must be PEM files")
+        Fault::new(format!("the certificate or its key is invalid: {why}"))
+            .help("give PEM files with `--tls-cert` and `--tls-key`")
     };
     let provider = cryptography().map_err(|fault| {
         fault.help(

@@ -234,8 +234,8 @@ def vector(
     north, east, down, damped = _magline.vector(matrix(grid), spacing, *angles)
     if damped:
         warnings.warn(
-            f"at an inclination of {inclination_deg} degrees, the map does not determine waves across "
-            "the core field; the components are too small",
+            f"at an inclination of {inclination_deg} degrees, the map does not determine waves "
+            "perpendicular to the core field, so the components are too small",
             stacklevel=2,
         )
     return north, east, down

@@ -264,5 +264,5 @@ fn alone(fault: Fault) -> Vec<Fault> {
 }
 
 fn first_of(faults: Vec<Fault>) -> Fault {
-    faults.into_iter().next().unwrap_or_else(|| Fault::bug("a fault without a text"))
+    faults.into_iter().next().unwrap_or_else(|| Fault::bug("an error has no message"))
 }

@@ -74,7 +74,7 @@ pub fn is_current(graph: &PlanGraph, store: &Store) -> bool {
 
 fn not_run(spec: &Spec) -> Fault {
     let what = format!("there is nothing to report: {} has not been run", spec.file);
-    Fault::new(what).help(format!("run it first: `magline run {}`", spec.file))
+    Fault::new(what).help(format!("run the spec first: `magline run {}`", spec.file))
 }
 
 /// The report of the plan's results in `store`, as HTML.

@@ -48,7 +48,7 @@ fn sum_of(line: &str) -> Option<String> {
 /// A record as a line with its checksum.
 fn line_of(past: &RunRecord) -> Result<String, Fault> {
     let text = |past: &RunRecord| serde_json::to_string(past).map_err(|e| Fault::machine(e.to_string()));
-    let sum = sum_of(&text(past)?).ok_or_else(|| Fault::bug("a record without a checksum"))?;
+    let sum = sum_of(&text(past)?).ok_or_else(|| Fault::bug("a record has no checksum"))?;
     text(&RunRecord { sum, ..past.clone() })
 }
 

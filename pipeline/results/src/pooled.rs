@@ -176,7 +176,7 @@ pub const COLUMNS: [(&str, &str); 11] = [
     ("lines", "number of lines that `value` is computed from"),
     (
         "in_sample",
-        "true if every line of `value` is in sample: used by a model, noise or map, or to choose a parameter",
+        "true if every line of `value` is in sample: used for a model, noise estimate or map, or to choose a parameter",
     ),
     ("value_in_sample", "pooled over the in-sample lines; null if there are none"),
     ("n_in_sample", "number of samples or pairs that `value_in_sample` is computed from"),

@@ -141,7 +141,9 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
 /// The meaning of `~`, and the reason if no point is the best.
 fn in_sample_legend(scores: &Scores) -> String {
     let mut out =
-        "~ in sample: the lines were used by a model, noise or map, or to choose a parameter; never best\n".to_owned();
+        "~ in sample: the lines were used to make a model, noise estimate or map, or to choose a parameter; never \
+         best\n"
+            .to_owned();
     if scores.in_sample.iter().any(|row| row.lines > 0 && row.held_out > 0) {
         out.push_str(
             "values are of held-out lines; for in-sample lines see `value_in_sample` of the table `scores_pooled`\n",

@@ -202,10 +202,11 @@ impl Scores {
             (least, most) => format!("pooled over {least} to {most} held-out lines"),
         };
         let in_sample = match counts(|row| row.lines) {
-            (least, most) if least == most => most.to_string(),
-            (least, most) => format!("{least} to {most}"),
+            (1, 1) => "1 in-sample line is".to_owned(),
+            (least, most) if least == most => format!("{most} in-sample lines are"),
+            (least, most) => format!("{least} to {most} in-sample lines are"),
         };
-        format!("{held_out}; {in_sample} in sample are pooled separately")
+        format!("{held_out}; {in_sample} pooled separately")
     }
 
     /// Notes, one for each numeric axis on which the leading metric is best at the first or last value.

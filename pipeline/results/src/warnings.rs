@@ -217,7 +217,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.gated()
         && share > limits::GATED
     {
-        let text = format!("{}: it rejects {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
+        let text = format!("{}: {:.0} % of the measurements are rejected", WarningKind::Gated.of_many(), 100.0 * share);
         add(WarningKind::Gated, (share, limits::GATED, "1"), text);
     }
     if let Some((count, fixes)) = row.counted(&track::GNSS_REJECTED).filter(|(count, _)| *count > 0.0) {
@@ -230,7 +230,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP
     {
-        let text = format!("{:.0} % of the samples are off the map, without measurement updates", 100.0 * share);
+        let text = format!("{:.0} % of the samples are off the map and have no measurement update", 100.0 * share);
         add(WarningKind::OffMap, (share, limits::OFF_MAP, "1"), text);
     }
     if let Some(share) = row.flat()
@@ -240,8 +240,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some((error_nt, limit)) = facts.map_height_nt() {
-        let what = "the map is at a different height from the flight and is not continued to it; the expected error \
-            is";
+        let what = "the map is at a different height from the flight and is not continued to the height of the flight; \
+                    the expected error is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get(&signal::ANOMALY_RETENTION), row.get(&signal::ANOMALY_RETENTION_SE))

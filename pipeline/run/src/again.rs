@@ -93,8 +93,8 @@ fn difference(
     match (one.has(key), other.has(key)) {
         (false, false) => return Ok(None),
         (true, true) => {}
-        (true, false) => return Ok(Some("it cannot be recomputed".to_owned())),
-        (false, true) => return Ok(Some("it failed before and succeeds now".to_owned())),
+        (true, false) => return Ok(Some("the unit cannot be recomputed".to_owned())),
+        (false, true) => return Ok(Some("the unit failed before and succeeds now".to_owned())),
     }
     let it = graph.plan.instance(unit.table, unit.instance);
     let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();

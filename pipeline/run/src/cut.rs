@@ -229,7 +229,7 @@ pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
         }
         _ => {
             let what = format!("the type of `{}` differs between points of the sweep", column.name);
-            Err(Fault::new(what).help("use two stages, each with points of one type"))
+            Err(Fault::new(what).help("use two stages, one for the points of each type"))
         }
     }
 }

@@ -166,7 +166,13 @@ pub fn write(
         let array = FixedSizeBinaryArray::try_from_sparse_iter_with_size(keys, 16);
         columns.push(Arc::new(array.map_err(|e| Fault::machine(e.to_string()))?));
         let kind = arrow_schema::DataType::FixedSizeBinary(16);
-        fields.push(field(&format!("key {step}"), kind, "", Role::Key, "the unit this number of steps up"));
+        fields.push(field(
+            &format!("key {step}"),
+            kind,
+            "",
+            Role::Key,
+            "key of the unit, or of a unit upstream; the number in the column name is the distance in inputs",
+        ));
     }
     let batch =
         RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;

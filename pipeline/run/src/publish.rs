@@ -185,7 +185,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
     let key = |name: &str, about: &str| field(name, DataType::Int64, "", Role::Key, about);
     let mut fields = vec![
         key(TRIAL, "number of the trial"),
-        key("generation", "number of the generation; its trials were proposed together"),
+        key("generation", "generation of the trial; all trials of a generation were proposed together"),
         key("rung", "rung of successive halving; 1 without halving"),
     ];
     let mut arrays = vec![whole(&|t| t.row.trial), whole(&|t| t.row.generation), whole(&|t| t.row.rung)];

@@ -118,7 +118,7 @@ impl TriedRemedies<'_> {
             if !is_flagged {
                 return Ok(Some(found));
             }
-            better.get_or_insert_with(|| format!("{found}; it is still flagged"));
+            better.get_or_insert_with(|| format!("{found}; the line is still flagged"));
         }
         Ok(better)
     }

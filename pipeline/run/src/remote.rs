@@ -269,8 +269,8 @@ impl PlanSession<'_> {
 fn overdue(limit: Duration, units: usize) -> Fault {
     let seconds = limit.as_secs_f64();
     let fault = match units {
-        1 => Fault::machine(format!("it exceeded its time limit of {seconds} s")),
-        n => Fault::machine(format!("it and {} other units exceeded their time limit of {seconds} s", n - 1)),
+        1 => Fault::machine(format!("the unit exceeded its time limit of {seconds} s")),
+        n => Fault::machine(format!("the unit and {} other units exceeded their time limit of {seconds} s", n - 1)),
     };
     fault.help(if units == 1 { "increase `--unit-timeout`" } else { "the next run retries each unit separately" })
 }

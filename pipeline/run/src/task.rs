@@ -234,7 +234,7 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
             let what = format!("the {word} has format {other}, but magline {VERSION} supports only format {FORM}");
             Err(Fault::new(what).help("use the same version for tasks and workers"))
         }
-        None => Err(Fault::new(format!("the line is not a {word}, but other JSON")).help(help)),
+        None => Err(Fault::new(format!("the line is JSON, but not a {word}")).help(help)),
     }
 }
 
@@ -275,8 +275,10 @@ mod tests {
             assert!(fault.what.contains("the line is truncated"), "{at}: {fault}");
         }
         let parse_fault = |text: &str| Task::parse(text).unwrap_err().what;
-        assert!(parse_fault(r#"{"event":"started"}"#).contains("other JSON"));
-        assert!(parse_fault("[1, 2]").contains("other JSON") && parse_fault("17").contains("other JSON"));
+        assert!(parse_fault(r#"{"event":"started"}"#).contains("is JSON, but not a"));
+        assert!(
+            parse_fault("[1, 2]").contains("is JSON, but not a") && parse_fault("17").contains("is JSON, but not a")
+        );
         assert!(parse_fault("fit 7").contains("not JSON"));
         assert!(parse_fault(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("format 2"));
         assert!(parse_fault(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));

@@ -158,7 +158,7 @@ fn values(
     unit: PlanUnit,
 ) -> Result<Vec<(f64, f64, Vec<f64>)>, Fault> {
     let batch = store.get(graph.key(unit)?, &["metric", "value", "n", SPREAD])?;
-    let lacking = || Fault::bug("a table of scores without `metric`, `value` and `n`");
+    let lacking = || Fault::bug("a table of scores lacks `metric`, `value` or `n`");
     let column = |name: &str| batch.column_by_name(name).ok_or_else(lacking);
     let n = cast(column("n")?, &DataType::Int64).map_err(|_| lacking())?;
     let words = column("metric")?.as_string_opt::<i32>().ok_or_else(lacking)?;

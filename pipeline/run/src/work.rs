@@ -104,7 +104,7 @@ impl<'a> UnitWorker<'a> {
     pub fn cut(&self, table: usize) -> Result<&TableAssembler<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
-            None => Err(Fault::bug("a table that the plan does not have")),
+            None => Err(Fault::bug("a table is not in the plan")),
         }
     }
 
@@ -156,7 +156,7 @@ impl<'a> UnitWorker<'a> {
     fn lines(&self, units: &[PlanUnit]) -> Vec<UnitResult> {
         let mut held = LineColumnCache::new(self);
         let mut input = |unit: &PlanUnit| -> Result<LineUnitInput, Fault> {
-            let line = unit.line.ok_or_else(|| Fault::bug("a line stage without a line"))?;
+            let line = unit.line.ok_or_else(|| Fault::bug("a stage that works on one line has no line"))?;
             self.input(*unit, line, &mut held)
         };
         let inputs: Vec<Result<LineUnitInput, Fault>> = units.iter().map(&mut input).collect();
@@ -174,7 +174,7 @@ impl<'a> UnitWorker<'a> {
         let one = |(unit, point): (&PlanUnit, &Result<AnyLinePoint, Fault>)| {
             let rows = match point {
                 Ok(AnyLinePoint { line, .. }) => {
-                    let answer = answers.next().unwrap_or_else(|| Err(Fault::bug("a point without an answer")));
+                    let answer = answers.next().unwrap_or_else(|| Err(Fault::bug("a point has no result")));
                     let answer = answer.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
                     answer.map_err(|f| f.in_line(&line.flight, &line.line))
                 }

@@ -123,7 +123,7 @@ impl Predictions {
             let place = places
                 .get_mut(*i)
                 .and_then(|p| p.get_mut(*sample))
-                .ok_or_else(|| Fault::bug("a sample that does not exist"))?;
+                .ok_or_else(|| Fault::bug("the sample of a prediction does not exist"))?;
             if let Some(before) = place.replace(row) {
                 let what = format!("flight {flight}, line {line}, tt = {tt} s is a duplicate of row {before}");
                 return Err(fault(what).help("give one prediction per sample"));
@@ -165,9 +165,10 @@ fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
         return Err(Fault::data(what).help(format!("write `{name}` as text, as it is in the flight data")));
     }
     let texts = arrow_cast::cast(array, &DataType::Utf8).map_err(|e| unreadable(&e))?;
-    let texts: &StringArray = texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a cast to another type"))?;
+    let texts: &StringArray =
+        texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a column has another type after its conversion"))?;
     let text = |(row, x): (usize, Option<&str>)| {
-        let missing = || Fault::data("it is missing").in_column(name).in_row(row as u64);
+        let missing = || Fault::data("the value is missing").in_column(name).in_row(row as u64);
         x.map(|x| x.trim().to_owned()).filter(|x| !x.is_empty()).ok_or_else(missing)
     };
     texts.iter().enumerate().map(text).collect()
@@ -186,7 +187,9 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
         }
         None => {
             let cast = arrow_cast::cast(array, &DataType::Float64).map_err(|e| unreadable(&e))?;
-            let numbers = cast.as_primitive_opt::<Float64Type>().ok_or_else(|| Fault::bug("a cast to another type"))?;
+            let numbers = cast
+                .as_primitive_opt::<Float64Type>()
+                .ok_or_else(|| Fault::bug("a column has another type after its conversion"))?;
             numbers.iter().map(|x| x.unwrap_or(f64::NAN)).collect()
         }
     };

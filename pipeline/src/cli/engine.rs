@@ -125,9 +125,8 @@ pub fn program() -> Result<std::path::PathBuf, ExitReason> {
 #[cfg(not(feature = "cluster"))]
 pub fn without_cluster() -> ExitReason {
     ExitReason::Wrong(
-        "error: this magline was built without the feature `cluster`\n  help: build it with `cargo build \
-         --features cluster`, or use \
-         `--engine processes`"
+        "error: this magline was built without the feature `cluster`\n  help: build magline with `cargo build \
+         --features cluster`, or use `--engine processes`"
             .to_owned(),
     )
 }

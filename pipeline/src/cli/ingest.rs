@@ -230,7 +230,7 @@ fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
         if let Some(other) = taken.insert(work.folder.join(&work.name), &work.input) {
             let what =
                 format!("{} and {} would both be written to {}", other.display(), work.input.display(), work.name);
-            return Err(Fault::new(what).help("ingest them to different folders with `--to`").into());
+            return Err(Fault::new(what).help("ingest the files into different folders with `--to`").into());
         }
     }
     if works.is_empty() {

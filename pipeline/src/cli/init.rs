@@ -49,7 +49,7 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     let (maps, logs): (Vec<&PathBuf>, Vec<&PathBuf>) = args.files.iter().partition(|path| has_map_extension(path));
     let [log] = logs.as_slice() else {
         let what = format!("`magline init` requires exactly one log, not {}", logs.len());
-        return Err(Fault::new(what).help("run it for each log with a separate `-o SPEC.toml`").into());
+        return Err(Fault::new(what).help("run `magline init` for each log, with a separate `-o SPEC.toml`").into());
     };
     let name = choose::plain(log);
     let spec = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));

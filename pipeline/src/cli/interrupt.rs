@@ -15,7 +15,7 @@ use store::attempts;
 use super::temporary;
 
 /// The message on an interrupted run.
-pub const MESSAGE: &str = "interrupted; finished results are stored, run the same command again to resume";
+pub const MESSAGE: &str = "interrupted; finished results are stored; run the same command again to resume";
 
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;

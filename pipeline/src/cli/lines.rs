@@ -147,8 +147,8 @@ fn written(
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
     if other && !replace {
         let help = format!(
-            "use the lines in this file with `--lines {}`, give another file with `--write-lines`, or replace it with \
-             `--replace`",
+            "use the lines in this file with `--lines {}`, give another file with `--write-lines`, or replace this \
+             file with `--replace`",
             path.display()
         );
         return Err(Fault::new(format!("{} already contains other lines", path.display())).help(help).into());

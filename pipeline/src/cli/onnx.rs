@@ -68,7 +68,7 @@ pub fn run(args: &OnnxArgs) -> Result<(), ExitReason> {
     sorted.sort_unstable();
     if sorted.windows(2).any(|pair| pair[0] == pair[1]) {
         let fault = Fault::new(format!("{} has several models", args.table));
-        return Err(fault.help("select one by its axes with `--where`").into());
+        return Err(fault.help("select one model by its axes with `--where`").into());
     }
     let Some(LearnedModel::Network(network)) = LearnedModel::read(&terms.names, &terms.values)? else {
         let fault = Fault::new(format!("{} has no dense network", args.table));

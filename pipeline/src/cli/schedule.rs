@@ -184,7 +184,7 @@ impl ScheduleArgs {
 static OVER: AtomicBool = AtomicBool::new(false);
 
 /// The message of a run that its time limit stopped.
-pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored, run the same command again to resume";
+pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored; run the same command again to resume";
 
 /// Time limit of a run, in force until dropped.
 pub struct RunTimeLimit {

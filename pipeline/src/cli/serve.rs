@@ -9,7 +9,7 @@ use super::ExitReason;
 
 /// The arguments of a server.
 #[derive(Args)]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads them"))]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "the fields are read only with the feature `serve`"))]
 pub struct ServeArgs {
     /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = super::located)]
@@ -48,7 +48,7 @@ pub fn run(_: &ServeArgs) -> Result<(), ExitReason> {
 /// The message of a program without the feature `serve`.
 #[cfg(not(feature = "serve"))]
 pub fn without_serve() -> ExitReason {
-    let what = "error: this magline was built without the feature `serve`\n  help: build it with `cargo build \
+    let what = "error: this magline was built without the feature `serve`\n  help: build magline with `cargo build \
                 --features magline/serve`";
     ExitReason::Wrong(what.to_owned())
 }

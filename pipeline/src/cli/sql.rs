@@ -130,10 +130,8 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
         (Some(query), _) if query != "-" => Ok(query.clone()),
         (_, Some(file)) if file.as_os_str() != "-" => std::fs::read_to_string(file)
             .map_err(|e| Fault::new(format!("cannot read the query in {}: {e}", file.display()))),
-        (None, None) if std::io::stdin().is_terminal() => {
-            Err(Fault::new("there is no query")
-                .help("give it as an argument, in a file (`-f FILE`) or on standard input"))
-        }
+        (None, None) if std::io::stdin().is_terminal() => Err(Fault::new("there is no query")
+            .help("give the query as an argument, in a file (`-f FILE`) or on standard input")),
         _ => {
             let mut text = String::new();
             let read = std::io::stdin().read_to_string(&mut text);

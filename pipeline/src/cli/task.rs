@@ -92,7 +92,7 @@ pipeline/TASKS.md describes tasks and receipts.";
 
 fn units(text: &str) -> Result<usize, String> {
     match text.parse() {
-        Ok(0) | Err(_) => Err("it must be a whole number, 1 or more".to_owned()),
+        Ok(0) | Err(_) => Err("the value must be a whole number, 1 or more".to_owned()),
         Ok(n) => Ok(n),
     }
 }

@@ -27,10 +27,10 @@ fn most() -> usize {
 /// Fails if it is not a number from 1 to the maximum on this machine.
 pub fn count(text: &str) -> Result<usize, String> {
     match text.parse::<u64>() {
-        Ok(0) => Err("it must be 1 or more; without `--threads` all cores are used".to_owned()),
+        Ok(0) => Err("the value must be 1 or more; without `--threads` all cores are used".to_owned()),
         Ok(n) if n <= most() as u64 => Ok(n as usize),
         Ok(_) => Err(format!("this machine has only {} cores; use at most {} threads", cores(), most())),
-        Err(_) => Err("it must be a whole number".to_owned()),
+        Err(_) => Err("the value must be a whole number".to_owned()),
     }
 }
 

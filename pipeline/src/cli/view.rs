@@ -7,7 +7,7 @@ use super::ExitReason;
 
 /// The arguments of a view.
 #[derive(Args)]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads them"))]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "the fields are read only with the feature `serve`"))]
 pub struct ViewArgs {
     /// The spec, whose runs are shown as they progress; or the store's folder or address such as s3://BUCKET/PREFIX. By
     /// default the folder `store` here or in the folder above.
@@ -59,7 +59,7 @@ pub fn run(catalogue: &[StageEntry], args: &ViewArgs) -> Result<(), ExitReason> 
     if let Some(spec) = args.source.as_ref().filter(is_spec) {
         let spec = SpecArgs { spec: spec.into(), sets: args.sets.clone() };
         let read = plan::read_spec(&spec.spec, &spec.sets)?;
-        has_store(&read.store, &format!("run it first: `magline run {}`", read.file))?;
+        has_store(&read.store, &format!("run the spec first: `magline run {}`", read.file))?;
         let viewed = ViewedSpec { pipeline: &read.name, file: &read.file };
         let plan = |serve: &dyn Fn(&RunProgress)| -> Result<(), ExitReason> {
             with_graph(catalogue, &spec, |graph, store| {

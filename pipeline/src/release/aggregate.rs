@@ -57,7 +57,7 @@ pub fn judge(
         return Ok(Err(why));
     }
     let plan = graph.plan;
-    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
     let least_samples = protections.iter().map(|p| p.least_samples).max().unwrap_or(0);
     let mut found = Aggregate {
         samples: i64::MAX,
@@ -190,7 +190,7 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
                  samples",
                 names()
             );
-            return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));
+            return Err(format!("{what} (`least_samples`), so single samples can be derived from the two values"));
         }
     }
     let more = |(_, (sum, most)): &(_, &(usize, i64))| i64::try_from(*sum).is_ok_and(|sum| sum > *most);

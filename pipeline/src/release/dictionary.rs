@@ -38,8 +38,8 @@ fn section(table: &ReleaseTable) -> String {
         let of = key.strip_suffix("_id").unwrap_or(key);
         let _ = writeln!(
             text,
-            "| `{key}` | text | | key | the name of the file's folder, `{of}-` and the identifier; this column exists \
-             only in readers of hive partitions | | | 0 | |"
+            "| `{key}` | text | | key | the name of the file's folder: `{of}-` and the identifier; only readers of \
+             hive partitions return this column | | | 0 | |"
         );
     }
     for column in table.columns.iter().filter(|c| !c.terms.is_empty()) {

@@ -103,7 +103,7 @@ pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted:
     let place = if include { SpecFolder::new(spec, &files, include_restricted)? } else { SpecFolder::default() };
     let name = Path::new(&spec.file).file_name().and_then(|n| n.to_str());
     let name = name.ok_or_else(|| Fault::new(format!("the name of the spec {} is not valid UTF-8", spec.file)))?;
-    let path = place.at(&[name.to_owned()]).ok_or_else(|| Fault::bug("a spec outside of the set"))?;
+    let path = place.at(&[name.to_owned()]).ok_or_else(|| Fault::bug("the spec is outside the published set"))?;
     write(&root.join(&path), spec.text.as_bytes())?;
     let mut listed = vec![];
     for file in files {

@@ -166,7 +166,7 @@ impl StoreFileReader {
         let batch = match held {
             Some((_, _, batch)) => batch.clone(),
             None => {
-                let file = self.files.get(piece.file).ok_or_else(|| Fault::bug("a file that is not open"))?;
+                let file = self.files.get(piece.file).ok_or_else(|| Fault::bug("a file is not open"))?;
                 let columns = (0..file.schema().fields().len())
                     .map(|i| file.column(piece.group, i).map_err(|e| unreadable(file, &e)))
                     .collect::<Result<Vec<_>, _>>()?;
@@ -252,7 +252,7 @@ impl<'a> TableFileWriter<'a> {
 /// Fails if the store is damaged, or the file system reports an error.
 pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let plan = graph.plan;
-    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
     let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone());
     let mut parts = StoreFileReader::open(version, &node.name)?;
     let axes: Vec<String> = axes.filter(|a| parts.schema.index_of(a).is_ok()).collect();
@@ -312,7 +312,7 @@ pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<Re
 /// # Errors
 /// Fails if the store is damaged, or the file system reports an error.
 pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
-    let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table is not in the plan"))?;
     let keys = [("flight", "flight identifier"), ("line", "line identifier")];
     let of_keys = keys.map(|(name, about)| Arc::new(field(name, DataType::Utf8, "", Role::Key, about)));
     let others = flights.schema.fields().iter().filter(|f| keys.iter().all(|(name, _)| f.name() != name)).cloned();
@@ -347,7 +347,7 @@ pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Re
 /// Fails if the store is damaged, or the file system reports an error.
 pub fn of_map(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let (map, key) =
-        graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
+        graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map is not in the plan"))?;
     let batch = map_batch(store, *key)?;
     let mut files = TableFileWriter::new(root, &batch.schema(), vec![]);
     files.write(format!("data/{}/part-0.parquet", map.name), None, [Ok(batch)])?;

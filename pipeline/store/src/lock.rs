@@ -224,7 +224,7 @@ impl PipelineLock {
              {seconds} s",
             self.pipeline
         );
-        Err(Fault::machine(what).help("nothing was published; finished results are stored, run the spec again"))
+        Err(Fault::machine(what).help("nothing was published; finished results are stored; run the spec again"))
     }
 }
 
@@ -367,7 +367,7 @@ impl Store {
                 LockOutcome::Held(_) if wait => sleep(self.look_again()),
                 LockOutcome::Held(held) => {
                     let fault = Fault::machine(held.message(pipeline, self.root()));
-                    return Err(fault.help("wait for it with --wait, or name another store"));
+                    return Err(fault.help("wait for that run with `--wait`, or give another `store`"));
                 }
             }
         }

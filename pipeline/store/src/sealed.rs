@@ -416,7 +416,8 @@ impl FileWindows {
     fn from(&self, start: u64) -> parquet::errors::Result<Bytes> {
         let inside = |(from, bytes): &&(u64, Bytes)| (*from..=*from + bytes.len() as u64).contains(&start);
         let found = self.windows.iter().rev().find(inside);
-        let (from, bytes) = found.ok_or_else(|| ParquetError::General(format!("byte {start} is in no column read")))?;
+        let (from, bytes) = found
+            .ok_or_else(|| ParquetError::General(format!("byte {start} is in none of the columns that were read")))?;
         Ok(bytes.slice(usize::try_from(start - from).unwrap_or(usize::MAX).min(bytes.len())..))
     }
 }

@@ -293,7 +293,8 @@ impl Store {
         before: Option<&Version>,
     ) -> Result<(), Fault> {
         let (pipeline, folder) = (publisher.pipeline(), self.temporary());
-        let sum = sum_of(manifest).ok_or_else(|| Fault::machine("the version cannot be described"))?;
+        let sum =
+            sum_of(manifest).ok_or_else(|| Fault::machine("the manifest of the version cannot be written as JSON"))?;
         let manifest = &Manifest { sum, ..manifest.clone() };
         self.build(&folder, manifest, from, before)?;
         if let Some(remote) = self.remote() {
@@ -449,5 +450,5 @@ fn inside(root: &Path, pipeline: &str) -> Result<(), Fault> {
         return Ok(());
     }
     let what = format!("{} is not a link to a version of its tables in the store", path.display());
-    Err(Fault::machine(what).help("move it away; the next run publishes the tables again"))
+    Err(Fault::machine(what).help("move this file or folder away; the next run publishes the tables again"))
 }

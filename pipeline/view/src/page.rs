@@ -24,8 +24,8 @@ pub fn page(data: &ViewData) -> String {
                         h1 { (title) }
                         @if let Some(spec) = data.spec { p.lead { "magline view of " code { (spec.file) } } }
                     }
-                    noscript { p.note { "This page needs JavaScript. `magline report` writes a page that works \
-                                         without it." } }
+                    noscript { p.note { "This page needs JavaScript. `magline report` writes a page that works without \
+                                         JavaScript." } }
                     @if data.spec.is_some() { section.live id="live" data-src="api/run" { h2 { "Run" } } }
                     p.note id="sections" role="status" data-src="api/sections" { "The list of tables is loading." }
                     section.series id="series" { h2 { "Lines" } }

@@ -127,7 +127,7 @@ impl Fault {
     /// An error in the program: a state that correct code cannot reach.
     pub fn bug(what: impl Into<String>) -> Self {
         let what = format!("{}: an error in magline", what.into());
-        Self { what, owner: FaultOwner::Bug, ..Self::default() }.help("please report it, with the spec")
+        Self { what, owner: FaultOwner::Bug, ..Self::default() }.help("please report this error, with the spec")
     }
 
     /// Sets the remedy.

@@ -121,7 +121,7 @@ impl<K: ChoiceKind> ChoiceList<K> {
             _ => names.concat(),
         };
         let what = format!("`{key}` belongs to {names}");
-        Some(Fault::new(what).help(format!("remove it; it has no effect with `{}`", kind.name())))
+        Some(Fault::new(what).help(format!("remove `{key}`, which has no effect with `{}`", kind.name())))
     }
 }
 

@@ -80,7 +80,7 @@ impl DepthLimiter {
             return ControlFlow::Continue(());
         }
         let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries"));
-        ControlFlow::Break(Box::new(fault.help("split it into several queries")))
+        ControlFlow::Break(Box::new(fault.help("split the SQL into several queries")))
     }
 }
 

@@ -54,7 +54,7 @@ fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
             Fault::new(format!("{subject} cannot use variables")).help("write `\"$axis\"` to use the value of an axis"),
         ),
         #[expect(deprecated)]
-        Expr::Wildcard { .. } => Some(Fault::new(format!("`*` has no meaning in {subject}"))),
+        Expr::Wildcard { .. } => Some(Fault::new(format!("{subject} cannot contain `*`"))),
         Expr::GroupingSet(_) | Expr::Unnest(_) | Expr::OuterReferenceColumn(..) => {
             Some(Fault::new(format!("{subject} is evaluated on one row of one table")))
         }

@@ -99,7 +99,7 @@ fn together(first: ExpressionUnit, other: ExpressionUnit, second: &Expr) -> Resu
         (ExpressionUnit::Of(a), ExpressionUnit::Of(b)) if a == b => ExpressionUnit::Of(a),
         (ExpressionUnit::Of(a), ExpressionUnit::Of(b)) if !a.is_empty() && !b.is_empty() => {
             let what = format!("`{second}` is in {b}, but it is added to or compared with a value in {a}");
-            return Err(Fault::new(what).help("convert one of them by a factor, such as `0.3048 * x`"));
+            return Err(Fault::new(what).help("convert one of the values by a factor, such as `0.3048 * x`"));
         }
         (ExpressionUnit::Scaled(a) | ExpressionUnit::Of(a), ExpressionUnit::Scaled(b) | ExpressionUnit::Of(b))
             if a == b =>

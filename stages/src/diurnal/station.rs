@@ -53,7 +53,7 @@ impl Station {
         let usual_s = median(&mut steps);
         if usual_s > max_gap_s {
             let what = format!(
-                "the record of {name} has a value every {usual_s} s, so all its steps are gaps of more than \
+                "the record of {name} has a value every {usual_s} s, so every step is longer than `max_gap_s` = \
                  {max_gap_s} s"
             );
             return Err(Fault::data(what).help("raise `max_gap_s`"));

@@ -146,7 +146,8 @@ impl SurveyAggregator for FitAggregator {
                 cuts.into_par_iter().with_max_len(1).flat_map_iter(answers).collect::<Vec<_>>()
             })
             .collect();
-        let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::bug("a fit was lost"))).collect();
+        let mut tables: Vec<_> =
+            self.points.iter().map(|_| Err(Fault::bug("the result of a fit is missing"))).collect();
         for (i, answer) in solved {
             tables[i] = answer.map(|s| s.columns(&self.points[i], residual_noise(&parts, &self.points[i], &s)).into());
         }

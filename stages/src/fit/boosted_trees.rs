@@ -102,7 +102,7 @@ impl FitModel for BoostedTrees {
 
     fn faults(&self, _: &FitSettings) -> Vec<Fault> {
         let alone = self.patience.is_some() && self.validation.is_empty();
-        let what = "this requires validation data; name lines or flights in `validation`";
+        let what = "`patience` requires validation data; name lines or flights in `validation`";
         alone.then(|| Fault::new(what).of_param("patience")).into_iter().collect()
     }
 

@@ -42,7 +42,7 @@ impl FitModel for ElasticNet {
         } else {
             net.path(&problem.merged, 0, &[self.penalty.lambda]).map_err(data)?.pop()
         };
-        let found = found.ok_or_else(|| Fault::bug("a fit was lost"))?;
+        let found = found.ok_or_else(|| Fault::bug("the result of a fit is missing"))?;
         let free = problem.free(found.active.len(), settings);
         Ok(LinearFitResult::without_errors(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
     }

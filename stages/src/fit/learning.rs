@@ -49,7 +49,7 @@ impl FitAggregator {
             };
             answers.extend(of_rate.into_iter().zip(learnt));
         }
-        let lost = || Err(Fault::bug("a training was lost"));
+        let lost = || Err(Fault::bug("the result of a training is missing"));
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
@@ -96,7 +96,7 @@ impl FitAggregator {
         let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = answers.collect();
-        let lost = || Err(Fault::bug("a training was lost"));
+        let lost = || Err(Fault::bug("the result of a training is missing"));
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 

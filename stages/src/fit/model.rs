@@ -128,7 +128,7 @@ pub trait FitModel: Send + Sync {
         _settings: &FitSettings,
         _prepared: &ScaledFactor,
     ) -> Result<LinearFitResult, Fault> {
-        Err(Fault::bug("the model is declared as linear, and has no `fit`"))
+        Err(Fault::bug("the model is declared as linear, but has no `fit`"))
     }
 
     /// Fits a model of `FitSamples` that is not a network. Replaces [`FitModel::fit`].
@@ -141,7 +141,7 @@ pub trait FitModel: Send + Sync {
         _settings: &FitSettings,
         _work: &PointMonitor,
     ) -> Result<LearningResult, Fault> {
-        Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
+        Err(Fault::bug("the model is declared as fitted to samples, but has no `learn`"))
     }
 
     /// Network that is trained instead of calling [`FitModel::learn`].
@@ -215,7 +215,7 @@ impl FitModelDecl {
         (self.made_of == FitData::Samples && LINEAR.contains(&key)).then(|| {
             let what =
                 format!("`{key}` applies to linear models only; `{}` is fitted to unfiltered samples", self.name);
-            Fault::new(what).help("remove it; to filter, add a filter stage before the fit")
+            Fault::new(what).help("remove the key; to filter the samples, add a filter stage before the fit")
         })
     }
 

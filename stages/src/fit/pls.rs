@@ -59,8 +59,8 @@ impl FitModel for PartialLeastSquares {
 
     fn remark(&self, answer: &LinearFitResult, terms: usize) -> Option<String> {
         let all = answer.chosen >= terms as f64;
-        let what = "components for the same number of terms give ordinary least squares; reduce `components`";
-        all.then(|| format!("{} {what}", answer.chosen))
+        let what = "terms give ordinary least squares; reduce `components`";
+        all.then(|| format!("{} components for {terms} {what}", answer.chosen))
     }
 }
 
@@ -74,11 +74,7 @@ mod tests {
         let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
         assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
         assert_eq!(found.chosen, 3.0);
-        assert!(
-            found.warning.contains("3 components for the same number of terms give ordinary least squares"),
-            "{}",
-            found.warning
-        );
+        assert!(found.warning.contains("3 components for 3 terms give ordinary least squares"), "{}", found.warning);
         assert_eq!(fitted("pls", &[whole("components", 2)]).warning, "");
     }
 

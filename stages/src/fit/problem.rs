@@ -363,9 +363,9 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
     let Some((law, from_hz)) = rate else { return Ok(1.0) };
     law.factor(from_hz, to_hz).ok_or_else(|| {
         let what = format!(
-            "`{term}` is the value of an earlier sample, at {from_hz} Hz on one line and {to_hz} Hz on another"
+            "`{term}` is the value of an earlier sample, but the lines are sampled at {from_hz} Hz and {to_hz} Hz"
         );
-        Fault::data(what).help("`resample` all lines to one rate before `features`")
+        Fault::data(what).help("add a `resample` stage before `features`, so that all lines have one rate")
     })
 }
 
@@ -379,8 +379,9 @@ fn own(moments: &RegressionMoments, places: Option<&[usize]>) -> Result<Regressi
 
 /// Fault of a failed cross-validation.
 pub fn lines_needed(error: LeastSquaresError) -> Fault {
-    data(error)
-        .help("cross-validation requires at least two lines, or flights; select more with `where`, or change `choose`")
+    data(error).help(
+        "cross-validation requires at least two lines, or flights; select more lines with `where`, or change `choose`",
+    )
 }
 
 /// Maximum number of lines listed by name.

@@ -87,7 +87,7 @@ pub fn ridge(
         Some(known) => known,
         None => (Arc::new(prepared.ridge(&[lambda], &problem.terms).map_err(data)?), 0),
     };
-    let solution = path.solutions.get(at).ok_or_else(|| Fault::bug("a fit was lost"))?;
+    let solution = path.solutions.get(at).ok_or_else(|| Fault::bug("the result of a fit is missing"))?;
     let coefficients = solution.coefficients.first().cloned().unwrap_or_default();
     let p = coefficients.len();
     let spectra = problem.spectra().zip(path.gain(at));

@@ -74,7 +74,7 @@ impl FitModel for Robust {
     fn unused_key(&self, key: &str) -> Option<Fault> {
         let of = [("threshold", FitLossFunction::Huber), ("degrees_of_freedom", FitLossFunction::StudentT)];
         let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
-        let help = format!("remove it; the loss is `{}`", self.loss.word());
+        let help = format!("remove the key; the loss is `{}`", self.loss.word());
         Some(Fault::new(format!("`{key}` belongs to the loss `{}`", loss.word())).help(help))
     }
 

@@ -91,7 +91,7 @@ impl ImportanceRows {
     /// # Errors
     /// Fails if the line lacks a column, is not evenly sampled, or has fewer than two such rows.
     pub fn new(stage: &Importance, line: &LineInput, fitted: &FittedModel) -> Result<Self, Fault> {
-        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
         let inputs = fitted.inputs(batch)?;
         let kept = |row: usize| line.keep.as_ref().is_none_or(|keep| keep.get(row).copied().unwrap_or(false));
@@ -240,7 +240,7 @@ impl Importance {
                     || Fault::data("the model has no gradient").help("set `method = \"shapley\"`").of_param("method");
                 learned.gradient(x).ok_or_else(none)
             }
-            (FittedModelForm::Linear { .. }, None) => Err(Fault::bug("a linear model without coefficients")),
+            (FittedModelForm::Linear { .. }, None) => Err(Fault::bug("a linear model has no coefficients")),
         };
         let (some, background) = (rows.spread(self.samples), rows.spread(self.background));
         let samples = self.draws.saturating_mul(background.len() / rows.width.max(1));

@@ -98,7 +98,7 @@ impl AircraftModelKeys {
         let ColumnType::List(names) = &column.column_type else {
             let what = format!("`{}` is not a list of terms", self.terms);
             return Err(vec![
-                Fault::new(what).of_param("terms").help("set `terms` to the list column of an `a_matrix`"),
+                Fault::new(what).of_param("terms").help("set `terms` to the list column of a stage `a_matrix`"),
             ]);
         };
         check_sources(names).map_err(|e| vec![Fault::new(e.to_string()).of_param("terms")])?;

@@ -53,7 +53,9 @@ impl NavigationFilter for Ekf {
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         // One point gives one result.
-        Self::navigate_points(&[(self, flown)]).pop().unwrap_or_else(|| Err(Fault::bug("a point was lost")))
+        Self::navigate_points(&[(self, flown)])
+            .pop()
+            .unwrap_or_else(|| Err(Fault::bug("the result of a point is missing")))
     }
 
     fn navigate_points(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>> {
@@ -63,7 +65,7 @@ impl NavigationFilter for Ekf {
         let mut together = Self::together(&usual).into_iter();
         let answer = |(filter, flown): &(&Self, &FilterInput)| match filter.further.applies_to(flown) {
             true => filter.alone(flown),
-            false => together.next().unwrap_or_else(|| Err(Fault::bug("a point was lost"))),
+            false => together.next().unwrap_or_else(|| Err(Fault::bug("the result of a point is missing"))),
         };
         points.iter().map(answer).collect()
     }
@@ -85,7 +87,7 @@ impl Ekf {
         let mut outputs = run_together(&first.ins, &filters).into_iter();
         let answer = |((filter, flown), asked): (&(&Self, &FilterInput), Result<_, Fault>)| {
             asked?;
-            let out = outputs.next().ok_or_else(|| Fault::bug("a point was lost"))?;
+            let out = outputs.next().ok_or_else(|| Fault::bug("the result of a point is missing"))?;
             filter.track(flown, out.map_err(data)?)
         };
         points.iter().zip(asked).map(answer).collect()

@@ -125,7 +125,7 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
-        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
+        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network is trained without GNSS"))?;
         let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
         let (features, names) = self.features(flown)?;
         let features = features.as_ref();
@@ -200,7 +200,7 @@ impl EkfOnlineNn {
                 "before GNSS is lost, {} samples have a measurement, a position and a map value: too few for training",
                 known.len()
             );
-            return Err(Fault::data(what).help("check that the map covers them, or begin `gnss_lost_s` later"));
+            return Err(Fault::data(what).help("check that the map covers these samples, or begin `gnss_lost_s` later"));
         }
         let width = features.len() / tt_s.len();
         let first = &features[..training * width];

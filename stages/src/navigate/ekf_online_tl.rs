@@ -173,7 +173,9 @@ impl EkfOnlineTl {
         let (Some(sigma_nt), Some([x, y, z])) = (self.flux_bias_sigma_nt, flown.field_nt) else { return Ok(None) };
         let terms = TermSelection::leading(names).map_err(|_| {
             let what = format!("`{}` does not hold the terms of a vector magnetometer", self.aircraft.terms);
-            Fault::data(what).of_param("flux_bias_sigma_nt").help("make the terms with an `a_matrix` of `vector`")
+            Fault::data(what)
+                .of_param("flux_bias_sigma_nt")
+                .help("make the terms with a stage `a_matrix` that uses the same `vector`")
         })?;
         let runs = runs_of(&terms, flown.ins.tt_s, [x, y, z])?;
         let tau_s = self.flux_bias_tau_s.unwrap_or(f64::INFINITY);

@@ -219,7 +219,9 @@ pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Resul
     let typed: Vec<(&F, &FilterInput)> = ours.iter().flatten().copied().collect();
     let mut answers = F::navigate_points(&typed).into_iter();
     let answer = |point: Option<(&F, &FilterInput)>| {
-        point.and_then(|_| answers.next()).unwrap_or_else(|| Err(Fault::bug("a point of a filter was lost")))
+        point
+            .and_then(|_| answers.next())
+            .unwrap_or_else(|| Err(Fault::bug("the result of a filter at a point is missing")))
     };
     ours.into_iter().map(answer).collect()
 }

@@ -57,7 +57,8 @@ filter! {
     /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain. 0 assumes no such
     /// field.
     aircraft_sigma_nt: Option<f64>, unit "nT",
-        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes this field",
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line: the estimated noise then includes \
+                this field",
         rule Rule::NotNegative;
     /// Time constant of the slowly varying aircraft field that the coefficients do not explain.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
@@ -98,11 +99,11 @@ impl NavigationFilter for FixedLag {
         match key {
             "loss_scale" if self.loss == TrajectoryLoss::None => {
                 let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");
-                Some(fault.help("remove it, or set `loss` to `huber` or `cauchy`"))
+                Some(fault.help("remove `loss_scale`, or set `loss` to `huber` or `cauchy`"))
             }
             "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => Some(
                 Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`")
-                    .help("remove it, or set `aircraft_sigma_nt` above 0"),
+                    .help("remove `aircraft_tau_s`, or set `aircraft_sigma_nt` above 0"),
             ),
             _ => None,
         }

@@ -110,7 +110,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
         }
     }
     // Every point either has a fault or belongs to a group.
-    answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
+    answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("the result of a point is missing")))).collect()
 }
 
 /// Calls `of` with the filter input of one point and the map of its line, for a stage that prepares lines as `navigate`
@@ -296,7 +296,7 @@ impl<'a> FilterInput<'a> {
                 if samples == 0 {
                     let what =
                         format!("`{name}` has no sample within `offset_window_s` with a measurement and a map value");
-                    return Err(Fault::data(what).help("remove it from `mag`").in_column(name));
+                    return Err(Fault::data(what).help("remove the column from `mag`").in_column(name));
                 }
                 measured_nt.iter_mut().for_each(|m| *m -= offset_nt);
             }

@@ -102,8 +102,8 @@ params! {
     /// deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is available in `ekf`,
     /// `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "0; with `tuning = \"auto\"` the maximum-likelihood estimate, if these states clearly increase the \
-            likelihood",
+        absent "0; `tuning = \"auto\"` estimates the value by maximum likelihood if these states clearly increase the \
+                likelihood",
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
@@ -290,7 +290,7 @@ impl AuxiliaryMeasurements {
         let fault = |(_, key, what): (bool, &str, &str)| {
             Fault::new(format!("`{key}` is available only in `ekf`, `iekf` and `ukf`"))
                 .of_param(key)
-                .help(format!("set `filter` to one of these to estimate {what}"))
+                .help(format!("set `filter` to `ekf`, `iekf` or `ukf` to estimate {what}"))
         };
         let faults: Vec<Fault> = states.into_iter().filter(|(set, ..)| *set).map(fault).collect();
         if faults.is_empty() { Ok(vec![]) } else { Err(faults) }
@@ -368,7 +368,7 @@ impl AuxiliaryMeasurements {
             return enough(flown, report);
         }
         if report.updates == 0 {
-            return Err(Fault::data("no sample of the difference or the vector could be used")
+            return Err(Fault::data("no sample of the field difference or of the vector magnetometer could be used")
                 .help("check that the map covers the flight"));
         }
         Ok(())
@@ -415,7 +415,7 @@ impl AuxiliaryMeasurements {
 /// Columns of the constant states of the scalar measurement: the lag of the magnetometer, and the bias between the
 /// height of the INS and the height on the map.
 pub(super) fn constant_columns([has_latency, has_map_height]: [bool; 2]) -> Vec<Column> {
-    let none = "without a state for it";
+    let none = "unless the filter estimates it";
     let lag = format!("estimated lag of the magnetometer's time stamps; 0 {none}");
     let height = format!("estimated height of the aircraft above its assumed height on the map; 0 {none}");
     let named = [(has_latency, "mag_latency", "s", lag), (has_map_height, "map_height_bias", "m", height)];

@@ -51,7 +51,7 @@ impl SensorGeometry {
         }
         if self.dead_zones == DeadZones::None && !wanted {
             let what = "`vector` has no effect: neither the noise nor the filter depends on the field's direction";
-            let help = "remove it, or set `dead_zones`";
+            let help = "remove `vector`, or set `dead_zones`";
             faults.push(Fault::new(what).of_param("vector").help(help));
         }
         faults

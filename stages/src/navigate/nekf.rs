@@ -115,7 +115,7 @@ pub(crate) fn feature_faults(shape: &schemas::TableShape, names: &[String]) -> V
         if names.is_empty() { vec![] } else { crate::columns::not_numbers_among(shape, names, "features") };
     let truth = names.iter().filter_map(|name| shape.get(name)).map(|column| no_truth(column, "features", false));
     faults.extend(truth.filter_map(Result::err).map(|mut fault| {
-        fault.help = Some("remove it from `features`".to_owned());
+        fault.help = Some("remove the column from `features`".to_owned());
         fault
     }));
     faults

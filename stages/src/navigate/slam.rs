@@ -140,11 +140,12 @@ impl NavigationFilter for Slam {
             Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "mean squared residual of the model, divided by its variance; NaN without smoothing";
+            let misfit = "mean of the squared normalised residuals of the smoother, about 1 if the assumed noise is \
+                          correct; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "information that revisits give about each other, divided by its expected value; NaN \
-                without revisits";
+            let agreement = "information that revisits give about each other, divided by the expected information; NaN \
+                             without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns
@@ -153,7 +154,7 @@ impl NavigationFilter for Slam {
     fn unused_key(&self, key: &str) -> Option<Fault> {
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
-            let help = "remove it".to_owned();
+            let help = "remove the key".to_owned();
             Some(Fault::new(format!("`{key}` has no effect without {what}")).help(help))
         };
         match key {
@@ -187,7 +188,8 @@ impl NavigationFilter for Slam {
         let output = run(&self.parameters(flown)?, &line).map_err(data)?;
         if output.report.largest_correction > IMPLAUSIBLE {
             let what = format!(
-                "the corrections exceed the possible error of the INS: their square is {:.0} times its variance",
+                "the corrections exceed the possible error of the INS: the squared corrections are {:.0} times the \
+                 variance of this error",
                 output.report.largest_correction
             );
             let help = "increase `particles` for the drift between revisits, or check `ins_grade`";

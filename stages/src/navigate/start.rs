@@ -118,16 +118,17 @@ impl Navigate {
             StartSource::Auto if has(shape, &TRUTH) => StartSource::Fix,
             StartSource::Auto => {
                 let what = "the accuracy of the INS at the start of a line is unknown";
-                let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the \
-                            time of the last alignment (seconds past midnight, by `derive`); or set `start = \
-                            \"given\"`, `init_position_sigma_m` and `init_velocity_sigma_mps`";
+                let help = "set `start = \"fix\"`, and `fix` to the columns of a position; or append the column \
+                            `ins_aligned` with `derive`: the time of the last alignment, in seconds past midnight; or \
+                            set `start = \"given\"`, `init_position_sigma_m` and `init_velocity_sigma_mps`";
                 return Err(Fault::new(what).help(help).of_param("start"));
             }
             given => given,
         };
         match chosen {
             StartSource::Alignment => {
-                let help = "append the time of the last alignment in seconds past midnight by `derive`";
+                let help = "append the column `ins_aligned` with `derive`: the time of the last alignment, in seconds \
+                            past midnight";
                 shape.number(ALIGNED, "s").map_err(|fault| fault.of_param("start").help(help))?;
             }
             StartSource::Given if self.ins.sources.init_position_sigma_m == 0.0 => {

@@ -75,7 +75,11 @@ const FOUND: [(&str, &str, &str); PARAMETERS] = [
     ("noise_sigma", "nT", "standard deviation of the white noise of the measurements that are used"),
     ("noise_fogm_sigma", "nT", "standard deviation of the Gauss-Markov process"),
     ("noise_fogm_tau", "s", "time constant of the Gauss-Markov process"),
-    ("noise_permanent_sigma", "nT", "standard deviation of the change of the permanent field; 0 without states for it"),
+    (
+        "noise_permanent_sigma",
+        "nT",
+        "standard deviation of the change of the permanent field; 0 unless the filter estimates this change",
+    ),
     ("noise_permanent_tau", "s", "time constant of the change of the permanent field"),
 ];
 
@@ -160,7 +164,7 @@ impl Navigate {
         let values = floats(batch, column)?;
         if let Some(row) = values.iter().position(|sigma| *sigma < 0.0) {
             let what = format!("the standard deviation is {} nT in row {}", values[row], row + 1);
-            let help = format!("limit it to 0 or more with a `derive`: `greatest({column}, 0)`");
+            let help = format!("limit the column to 0 or more with a `derive` stage: `greatest({column}, 0)`");
             return Err(Fault::data(what).in_column(column).help(help));
         }
         Ok(Some(values.iter().map(|sigma| if sigma.is_finite() { *sigma } else { f64::NAN }).collect()))
@@ -251,8 +255,8 @@ impl Navigate {
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` for correlated innovations; 1 where they are white. `noise_permanent_tau` is \
-             divided by its square",
+            "factor in `noise_sigma` for correlated innovations; 1 if the innovations are white. `noise_permanent_tau` \
+             is divided by the square of this factor",
         ));
         columns
     }

@@ -172,7 +172,7 @@ impl NetworkEnsemble {
     /// Fails for any other network.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
-            let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
+            let help = "fit `m1` with one hidden layer, and with `whiten` and `members` unset";
             Err(Fault::data(format!("the trained model {what}")).of_param("model").help(help))
         };
         let [hidden] = self.shape.hidden[..] else { return fault("does not have exactly one hidden layer") };

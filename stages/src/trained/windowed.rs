@@ -96,7 +96,7 @@ impl WindowedNetwork {
             "the model uses a window of samples at {} Hz, but the line is sampled at {rate_hz} Hz",
             self.rate_hz
         );
-        Err(Fault::data(what).help("use `resample` to give the line the rate of the fit"))
+        Err(Fault::data(what).help("add a `resample` stage, so that the line has the rate of the fit"))
     }
 
     /// Prediction for rows in runs of these lengths.

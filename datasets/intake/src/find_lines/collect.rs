@@ -105,7 +105,7 @@ impl ChannelCollector {
 
     /// Adds rows of the flight table.
     fn add(&mut self, batch: &RecordBatch, table: &str) -> Result<(), Fault> {
-        let lost = || Fault::bug("a batch of flights lacks a key");
+        let lost = || Fault::bug("a batch of flights lacks a key column");
         let flights = batch.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>()).ok_or_else(lost)?;
         let column = |name: &str| batch.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
         let tt = column("tt").ok_or_else(lost)?;

@@ -70,7 +70,11 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut
 pub(super) fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
     let key = flight::KEYS.contains(&name);
     if key {
-        let help = if name == "tt" { "set it in `time`" } else { "set it in the table itself, not in `columns`" };
+        let help = if name == "tt" {
+            "declare the time with the key `time`"
+        } else {
+            "set the key in the table itself, not in `columns`"
+        };
         columns.push(Fault::new(format!("`{name}` cannot be mapped as a column")).help(help).at(at.clone()));
     }
     key

@@ -387,7 +387,7 @@ impl CounterColumn {
         if self.ns.is_none() {
             return Ok(None);
         }
-        let column = batch.columns().get(self.at).ok_or_else(|| Fault::bug("a batch lacks the column of the time"))?;
+        let column = batch.columns().get(self.at).ok_or_else(|| Fault::bug("a batch lacks the time column"))?;
         cast(column, &DataType::Int64).map(Some).map_err(|e| Fault::data(e.to_string()))
     }
 
@@ -463,7 +463,8 @@ fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
     let Some(form) = TimeTextFormat::new(format) else {
         let text = stamp.value.format.clone().unwrap_or_default();
         let fault = Fault::new(format!("`format` cannot be `{text}`"));
-        let help = "it requires at least the hour, in the notation of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
+        let help = "write a format that contains at least the hour, in the notation of `strftime`, such as `%d/%m/%Y \
+                    %H:%M:%S%.f`";
         columns.push(fault.help(help).at(stamp.at("format")));
         return None;
     };

@@ -102,7 +102,7 @@ impl CsvRowFault {
             }
             CsvFaultKind::OtherHeader => {
                 let what = "the row looks like another header: the file contains several tables, one after another";
-                of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
+                of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a separate file"))
             }
             CsvFaultKind::NoNumber(column, cell) => {
                 let (what, help) = match std::str::from_utf8(cell) {
@@ -112,7 +112,8 @@ impl CsvRowFault {
                         (format!("`{text}` is not a whole number"), format!("line {line} of the file"))
                     }
                     Ok(text) => {
-                        let help = format!("line {line} of the file; if it marks a missing value, add it to `missing`");
+                        let help =
+                            format!("line {line} of the file; if the text marks a missing value, add it to `missing`");
                         (format!("`{text}` is not a number"), help)
                     }
                     Err(error) => (format!("is not UTF-8 text: {error}"), format!("line {line} of the file")),

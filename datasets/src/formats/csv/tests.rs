@@ -173,7 +173,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
         let (numbers, words) = ((0..names.len()).filter(numeric), (0..names.len()).filter(numeric).filter(word));
         if words.clone().count() > 1 && words.count() == numbers.count() {
             let what = "the row looks like another header: the file contains several tables, one after another";
-            let error = fault_text(format!("{what} (line {line} of the file; put each table into a file)"));
+            let error = fault_text(format!("{what} (line {line} of the file; put each table into a separate file)"));
             return CsvReadResult { notes: result.notes, error: Some(error), ..CsvReadResult::default() };
         }
         let place = format!("{}, column `{}`, row {row}", path.display(), names[column]);
@@ -185,7 +185,9 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
                     format!("{place}: `{t}` is not a whole number ({at})")
                 }
                 Some(t) => {
-                    format!("{place}: `{t}` is not a number ({at}; if it marks a missing value, add it to `missing`)")
+                    format!(
+                        "{place}: `{t}` is not a number ({at}; if the text marks a missing value, add it to `missing`)"
+                    )
                 }
                 None => {
                     format!("{place}: is not UTF-8 text: {} ({at})", std::str::from_utf8(&record[column]).unwrap_err())

@@ -141,7 +141,7 @@ impl<'a> MatByteReader<'a> {
             return if bytes <= 4 {
                 Ok(MatElementTag { kind, bytes, small: Some(small) })
             } else {
-                Err(broken("a small element is too long"))
+                Err(broken("a small data element is longer than 4 bytes"))
             };
         }
         let bytes = u64::from(word(&head, 4, self.big));

@@ -434,7 +434,7 @@ impl UlogScanState {
         let incompatible = body.get(8..16).unwrap_or_default();
         let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);
         if unknown {
-            let what = "the file has unsupported features: an unknown flag for incompatible features is set";
+            let what = "the file requires unsupported features: an unknown flag for incompatible features is set";
             return Err(ReadError::data(path, what)
                 .help(format!("its flags for incompatible features are {incompatible:02x?}")));
         }

@@ -160,7 +160,7 @@ fn one_model(rows: &RecordBatch, path: &Path) -> Result<(), Fault> {
     names.sort_unstable();
     if names.windows(2).any(|pair| pair[0] == pair[1]) {
         let fault = Fault::data(format!("{} contains several models", path.display()));
-        return Err(fault.help("select one by its axes, such as `where = \"mag = 'mag_4_uc'\"`"));
+        return Err(fault.help("select one model by its axes, such as `where = \"mag = 'mag_4_uc'\"`"));
     }
     if names.contains(&"") {
         return Err(Fault::data(format!("a term of {} has no name", path.display())));

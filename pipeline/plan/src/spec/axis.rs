@@ -124,7 +124,7 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
         if many.is_none_or(|m| m > MOST_VALUES) || entries.is_none_or(|e| e > MOST_ENTRIES) {
             let number = many.map_or("more than 10^30".to_owned(), |m| m.to_string());
             let fault = Fault::new(format!(
-                "the axis `{name}` would have {number} values: that many subsets of its {n} entries"
+                "the axis `{name}` would have {number} values, one for each permitted subset of its {n} entries"
             ))
             .at(at);
             let help = format!(

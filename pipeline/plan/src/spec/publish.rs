@@ -158,7 +158,7 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
     }
     for (key, url) in [("url", &facts.url), ("licence_url", &facts.licence_url)] {
         if let Some(url) = url.as_ref().filter(|u| url::Url::parse(u).is_err()) {
-            push(key, format!("`{url}` is not an address"), "write it as `https://...`");
+            push(key, format!("`{url}` is not a web address"), "write it as `https://...`");
         }
     }
     found
@@ -254,7 +254,7 @@ params! {
     /// row.
     restricted: ColumnRestriction, unit "", default ColumnRestriction::None;
     /// The first day of permitted publication, `YYYY-MM-DD`. Without `restricted`, it applies to the whole table.
-    embargo: Option<String>, unit "", default None, absent "no end of the restriction";
+    embargo: Option<String>, unit "", default None, absent "the restriction does not end";
     /// The reason, for messages and for a published set with `--include-restricted`.
     reason: Option<String>, unit "", default None, absent "no reason";
     /// Minimum number of samples behind each published score or coefficient that is computed from restricted columns.

@@ -279,7 +279,7 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[SweepAxis]) -> Result
         let mut foreign = |key: &str, given: bool, owner: SearchMethodName| {
             if given && k.method != owner {
                 let what = format!("`{key}` belongs to `{}`, not to `{}`", owner.word(), k.method.word());
-                faults.push(Fault::new(what).at(at(key)).help("remove it"));
+                faults.push(Fault::new(what).at(at(key)).help("remove the key"));
             }
         };
         foreign("generation", k.generation.is_some(), SearchMethodName::Tpe);
@@ -339,7 +339,7 @@ fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
     }
     if let Some(h) = search.halving.as_ref().filter(|h| search.axes.iter().any(|a| a.name == h.axis)) {
         let what = format!("the axis `{}` of `halving` is also searched", h.axis);
-        push(what, &h.at, "its values are the rungs; remove it from `[search.axes]`");
+        push(what, &h.at, "remove the axis from `[search.axes]`; the rungs of `halving` are its values");
     }
     faults
 }

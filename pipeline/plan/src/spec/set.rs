@@ -59,8 +59,8 @@ impl SetAssignment {
             },
             ["tables", table, key, ..] if PROTECTION_KEYS.contains(key) => {
                 let what =
-                    format!("`--set` cannot change `{key}` of `{table}`, because a restriction belongs to the source");
-                Err(Fault::new(what).at(self.span_of(&path)).help("change it in the spec"))
+                    format!("`--set` cannot change `{key}` of `{table}`: restrictions are declared only in the spec");
+                Err(Fault::new(what).at(self.span_of(&path)).help("change the key in the spec"))
             }
             ["tables", _, _, ..] => match table(root.get_mut("tables")) {
                 Some(tables) => inside(tables, &path[1..], value, "table"),

@@ -18,7 +18,7 @@ pub fn tables(declared: Vec<SourceDecl>, faults: &mut Vec<Fault>) -> Vec<SourceD
     let mut names = HashSet::new();
     if let Some(twice) = all.iter().find(|decl| !names.insert(decl.name.as_str())) {
         let fault = Fault::new(format!("two tables would have the name `{}`", twice.name)).at(twice.at.clone());
-        faults.push(fault.help("rename one of them"));
+        faults.push(fault.help("rename one of the two tables"));
     }
     all
 }

@@ -116,7 +116,7 @@ pub struct PythonStage {
 
 impl Params for PythonStage {
     fn read(reader: &mut ParamReader, _: Option<&Self>) -> Option<Self> {
-        reader.push(Fault::bug("a stage written in Python is read by its entry"));
+        reader.push(Fault::bug("a stage written in Python is read only by its entry in the catalogue"));
         None
     }
 

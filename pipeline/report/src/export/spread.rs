@@ -45,7 +45,7 @@ pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let mut names = HashSet::new();
     if let Some(twice) = fields.iter().find(|field| !names.insert(field.name().clone())) {
         let fault = Fault::new(format!("the exported table would have two columns named `{}`", twice.name()));
-        return Err(fault.help("rename one of them with `magline sql QUERY --format parquet -o FILE`"));
+        return Err(fault.help("rename one of the columns in a query: `magline sql QUERY --format parquet -o FILE`"));
     }
     let options = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
     let schema = Arc::new(Schema::new(fields));

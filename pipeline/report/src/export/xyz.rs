@@ -74,7 +74,7 @@ impl<W: Write> GeosoftWriter<W> {
             return Err(unusable(&line, "line"));
         }
         if !self.written.insert((flight.clone(), line.clone())) {
-            let fault = Fault::new("the rows of the line are not together").in_line(&flight, &line);
+            let fault = Fault::new("the rows of the line are not contiguous").in_line(&flight, &line);
             return Err(fault.help("select one combination of axis values with `--where`, or use the extension .csv"));
         }
         if self.flight.as_ref() != Some(&flight) && !flight.is_empty() {

@@ -188,7 +188,7 @@ pub mod tests {
         // The same row is out of sample for another metric.
         assert_eq!(board.scores.best(2), Some(1));
         assert!(board.scores.is_all_in_sample(0) && !board.scores.is_all_in_sample(1));
-        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in sample are pooled separately");
+        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in-sample line is pooled separately");
         board.scores.in_sample = vec![of([true; 3]); 4];
         assert_eq!((board.scores.best(0), board.headline()), (None, Some(1)));
         assert_eq!(board.scores.over(), "pooled over 6 lines");

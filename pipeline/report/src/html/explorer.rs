@@ -40,7 +40,7 @@ pub fn section(
     Ok(html! {
         section.explorer id=(format!("explore-{name}")) data-table=(name) {
             h2 { "Explore" @if name != "scores" { ": " (name) } }
-            noscript { p.note { "The explorer needs JavaScript. All figures below are complete without it." } }
+            noscript { p.note { "The explorer needs JavaScript. All figures below are complete without JavaScript." } }
             script type="application/json" { (PreEscaped(escaped(&block))) }
         }
     })

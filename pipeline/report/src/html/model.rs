@@ -133,8 +133,8 @@ impl ReportModel {
 
     fn verdict(&self) -> String {
         if !self.condition.is_finite() {
-            return "It is not finite: some terms are exact linear combinations of others, and their coefficients are \
-                    meaningless."
+            return "The matrix is singular: some terms are exact linear combinations of others. The coefficients of \
+                    these terms are meaningless."
                 .to_owned();
         }
         if self.condition < LARGE_CONDITION {

@@ -334,29 +334,29 @@ fn glossary() -> Markup {
             dl {
                 dt { "jitter" } dd { "robust standard deviation of the time steps; flagged above a tenth of the \
                                       median step" }
-                dt { "gaps" } dd { "time steps above 1.75 times the median, and the missing time; flagged above 1 s, \
-                                    or if 1 % of the samples are missing" }
-                dt { "repeated times, times back" } dd { "rows whose time is equal to that of the previous row, and \
-                                                          rows whose time is earlier; always flagged" }
+                dt { "gaps" } dd { "number of time steps above 1.75 times the median step, and the total missing time; \
+                                    flagged above 1 s, or if 1 % of the samples are missing" }
+                dt { "repeated times, times back" } dd { "rows with the same time as the previous row, and rows with \
+                                                          an earlier time; always flagged" }
                 dt { "dropouts" } dd { "missing samples, and the longest time without a sample; flagged above 1 s or \
                                         1 % of the samples. Infinities and readings of exactly 0 nT are missing \
                                         samples" }
-                dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of its \
-                                      neighbourhood; always flagged for sensors" }
+                dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of the \
+                                      fourth differences around it; always flagged for sensors" }
                 dt { "stuck" } dd { "number of samples in the longest stretch with a constant value, if this stretch \
                                      is far longer than usual for the column" }
                 dt { "saturated" } dd { "number of samples at the minimum or maximum value, if that value is far more \
                     frequent than the neighbouring values" }
                 dt { "step" } dd { "resolution: every difference between samples is a whole multiple of the step. For \
-                                    magnetometers, it is flagged above two standard deviations of the noise, or if it \
-                                    masks the noise" }
+                                    magnetometers, the step is flagged above two standard deviations of the noise, or \
+                                    if it masks the noise" }
                 dt { "preferred values" } dd { "number of samples of a scalar magnetometer near values that are \
                     over-represented and evenly spaced, and the spacing; flagged above a tenth of the samples" }
                 dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \
                                          directions, and the half width of the cone or belt. The first vector \
                                          magnetometer gives the directions in the body frame. If the sensor itself \
-                                         reports its dead zone: the samples in it, and their longest stretch. Always \
-                                         flagged" }
+                                         reports its dead zone: the number of samples in the dead zone, and the \
+                                         longest stretch of such samples. Always flagged" }
                 dt { "lag" } dd { "delay relative to the first magnetometer of the same kind, from cross-correlation, \
                     if the correlation is high enough; flagged above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \

@@ -27,9 +27,9 @@ pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) 
             h2 { "Scores" @if name != "scores" { ": " (name) } }
             p.lead { (points) (if points == 1 { " point of the sweep, " } else { " points of the sweep, " }) (over)
                 ". Errors are pooled as root mean squares, ratios as means, both weighted by samples."
-                @if in_sample { " Values with a " strong { "~" } " are in sample: the lines were used by a model, \
-                                                                  noise or map, or to choose a parameter. They are \
-                                                                  never the best." }
+                @if in_sample { " Values with a " strong { "~" } " are in sample: the lines were used to make a model, \
+                                                                  noise estimate or map, or to choose a parameter. \
+                                                                  They are never the best." }
                 @if points > 1 { " The best value of each metric is coloured. Click a heading to sort." }
                 @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with \
                     a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines, the \

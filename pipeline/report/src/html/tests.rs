@@ -186,7 +186,7 @@ fn gold_without_a_run_there_is_nothing_to_report() {
     let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned(), &[]).unwrap();
     let fault = was_run(&spec).unwrap_err();
     assert_eq!(fault.what, "there is nothing to report: dir/a.toml has not been run");
-    assert_eq!(fault.help.as_deref(), Some("run it first: `magline run dir/a.toml`"));
+    assert_eq!(fault.help.as_deref(), Some("run the spec first: `magline run dir/a.toml`"));
 }
 
 #[test]

@@ -34,7 +34,7 @@ pub fn size(text: &str) -> Result<usize, String> {
     let bytes = text[..digits].parse::<f64>().ok().zip(factor).map(|(number, factor)| number * factor as f64);
     match bytes {
         Some(bytes) if bytes >= SMALLEST as f64 && bytes < 1e18 => Ok(bytes as usize),
-        Some(_) => Err(format!("it must be at least {}", shown(SMALLEST))),
+        Some(_) => Err(format!("the value must be at least {}", shown(SMALLEST))),
         None => Err("give a size such as `500MB` or `4GB`".to_owned()),
     }
 }

@@ -40,7 +40,8 @@ use store::{ManifestTable, PackReader, SealedFile, Version};
 const BATCH_ROWS: usize = 8192;
 
 fn damaged(path: &Path, e: &dyn std::fmt::Display) -> Fault {
-    Fault::machine(format!("cannot read {}: {e}", path.display())).help("run the spec again to recompute it")
+    Fault::machine(format!("cannot read {}: {e}", path.display()))
+        .help("run the spec again to recompute damaged results")
 }
 
 /// A published table.
@@ -262,10 +263,11 @@ impl ScanSource {
 
     fn unit(&self, i: usize, schema: &SchemaRef) -> Result<(Vec<ArrayRef>, usize), Fault> {
         let logical = self.logical.as_ref().ok_or_else(|| Fault::bug("a table without units"))?;
-        let own = logical.key(i, 0).ok_or_else(|| Fault::bug("a unit without a key"))?;
+        let own = logical.key(i, 0).ok_or_else(|| Fault::bug("a unit has no key"))?;
         let rows = self.objects.find(own).and_then(|p| p.rows);
         let rows = rows.ok_or_else(|| {
-            Fault::machine(format!("the store no longer contains {own}")).help("run the spec again to recompute it")
+            Fault::machine(format!("the store no longer contains {own}"))
+                .help("run the spec again to recompute missing results")
         })?;
         let mut wanted: HashMap<HashKey, Vec<&str>> = HashMap::new();
         for field in schema.fields() {

@@ -264,7 +264,7 @@ impl<'a> RunComparison<'a> {
             let kind = matches!(change.kind, ChangeKind::Version | ChangeKind::Parameter);
             change.table == table && kind && change.what != "metrics"
         });
-        let scoring = stage.map(|change| format!("another stage of scores: {change}"));
+        let scoring = stage.map(|change| format!("the scores were computed differently: {change}"));
         let runs = [before, after];
         let varies = |run: &ComparedRun, axis: &String| {
             let at = run.axes.iter().position(|own| own == axis);
@@ -306,7 +306,7 @@ impl<'a> RunComparison<'a> {
         let (Some(a), Some(b)) = (cells[0], cells[1]) else { return None };
         if a.in_sample != b.in_sample {
             let run = self.runs[usize::from(b.in_sample)].record.number;
-            return Some(format!("in sample only in run {run}"));
+            return Some(format!("the value is in sample only in run {run}"));
         }
         let (Some(one), Some(two)) = (&self.runs[0].rows, &self.runs[1].rows) else {
             return Some("the runs have too many rows to compare".to_owned());
@@ -395,7 +395,7 @@ impl<'a> RunComparison<'a> {
         let mut omitted = vec![];
         if pairs.iter().flatten().map(Vec::len).sum::<usize>() > MOST_CELLS {
             pairs.clear();
-            omitted.push("too many lines for differences of single lines".to_owned());
+            omitted.push("the runs have too many lines to compare single lines".to_owned());
         }
         if shared.len() < self.shared.len() {
             omitted.push(format!("{} of {} shared points: the first", shared.len(), self.shared.len()));
@@ -487,7 +487,7 @@ pub fn report_against(graph: &PlanGraph, store: &Store, against: &str) -> Result
     let tables: Vec<usize> = pooled::tables(plan).collect();
     if tables.is_empty() || !is_current(graph, store) {
         let fault = Fault::new("a comparison of runs needs scores of this spec, and the newest run has none");
-        return Err(fault.help(format!("run it first: `magline run {}`", plan.spec.file)));
+        return Err(fault.help(format!("run the spec first: `magline run {}`", plan.spec.file)));
     }
     let metrics = tables.iter().flat_map(|t| plan.tables[*t].entry.metrics.iter().copied()).collect();
     let view = StoreView::new(root, metrics)?;

@@ -193,7 +193,7 @@ fn window(request: &SeriesRequest) -> Result<SeriesWindow, ViewFault> {
         return wrong(format!("{} columns are requested", request.columns.len()), "request 1 to 64 columns");
     }
     if from.is_nan() || to.is_nan() || from > to {
-        return wrong(format!("no time is between {from} and {to} s"), "give `from` below `to`, in seconds");
+        return wrong(format!("the interval from {from} to {to} s is empty"), "give `from` below `to`, in seconds");
     }
     if !(1..=MOST_PIXELS).contains(&pixels) || pixels * request.columns.len() > MOST_VALUES {
         let what = format!("{pixels} pixels of {} columns are requested", request.columns.len());

@@ -137,7 +137,7 @@ impl StoreView {
         let (map, unit) = self.nodes(name, point)?;
         let has_error = map.error_nt.is_some();
         let map = band.of(map).ok_or_else(|| {
-            let fault = Fault::new(format!("the map `{name}` has no errors"));
+            let fault = Fault::new(format!("the map `{name}` has no column `error`"));
             ViewFault::Wrong(fault.help("request `band=anomaly`"))
         })?;
         let grid = in_degrees(name, &map)?;

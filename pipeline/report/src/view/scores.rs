@@ -124,13 +124,13 @@ pub(super) fn numbers<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arro
 /// The counts of a column; a column of another type counts as damage.
 pub(super) fn counts<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Int64Array, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Int64Type>());
-    found.ok_or_else(|| Fault::machine(format!("the scores have no column of counts `{name}`")))
+    found.ok_or_else(|| Fault::machine(format!("the scores have no column `{name}` of whole numbers")))
 }
 
 /// The marks of a column; a column of another type counts as damage.
 pub(super) fn truths<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::BooleanArray, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_boolean_opt());
-    found.ok_or_else(|| Fault::machine(format!("the scores have no column of flags `{name}`")))
+    found.ok_or_else(|| Fault::machine(format!("the scores have no Boolean column `{name}`")))
 }
 
 /// Positions among `words` of the values of a column.

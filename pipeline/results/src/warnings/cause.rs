@@ -200,9 +200,9 @@ impl<'a> LineFacts<'a> {
             }).into_iter().collect(),
             WarningKind::HeightBias => self.height_bias_m().map(|(bias_m, _)| {
                 format!(
-                    "the barometer has a constant error (pressure setting, temperature), the INS or the map lacks the \
-                     height of the geoid, or the map is at another height: add {bias_m:.0} m to `ins_alt` with \
-                     `derive`, or subtract it from `alt_m` of the map"
+                    "the barometer has a constant error (pressure setting, temperature), the height of the INS or the \
+                     map omits the height of the geoid, or the map is at another height: add {bias_m:.0} m to \
+                     `ins_alt` with `derive`, or subtract it from `alt_m` of the map"
                 )
             }).into_iter().collect(),
             WarningKind::Gnss => {
@@ -210,7 +210,9 @@ impl<'a> LineFacts<'a> {
                     .to_owned()]
             }
             WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
-            WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
+            WarningKind::OffMap => {
+                vec!["the map does not cover the line, or has unknown nodes below the line".to_owned()]
+            }
             WarningKind::Flat => vec![
                 "the noise exceeds `flat_over_m` times the slope of the map, so the position comes mainly from the INS"
                     .to_owned(),

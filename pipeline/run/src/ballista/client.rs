@@ -94,8 +94,8 @@ impl SchedulerFault {
             SchedulerFault::Silent(why) => {
                 let fault = Fault::machine(format!("cannot connect to the scheduler at {authority}: {why}"));
                 fault.help(format!(
-                    "start it with `magline scheduler --bind {authority}`; scheduler, workers and runs need the same \
-                     key"
+                    "start the scheduler with `magline scheduler --bind {authority}`; scheduler, workers and runs need \
+                     the same key"
                 ))
             }
             SchedulerFault::Stranger => {

@@ -196,7 +196,7 @@ impl<'a> WaveDispatcher<'a> {
         }
         if self.restarts > MOST_RESTARTS {
             let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
-            return Some(Fault::machine(what).help("read the standard error of the scheduler for the reason"));
+            return Some(Fault::machine(what).help("see the error output of the scheduler for the reason"));
         }
         if self.worker_seen.longer_than(patience) {
             let others = match self.seen.others.as_slice() {
@@ -369,7 +369,7 @@ impl<'a> WaveDispatcher<'a> {
             // The tasks did not cause this failure.
             self.waiting.extend(tasks);
         } else {
-            let fault = Fault::machine(format!("the cluster could not compute it: {why}"));
+            let fault = Fault::machine(format!("the cluster could not compute the task: {why}"));
             tasks.iter().for_each(|i| self.again(*i, fault.clone()));
         }
     }
@@ -422,7 +422,7 @@ impl<'a> WaveDispatcher<'a> {
                 }
                 (JobAction::Again | JobAction::Take, _) => {
                     self.cancel(Some(number));
-                    let why = format!("no worker computed it or returned a receipt for {} s", STALL.as_secs());
+                    let why = format!("no worker computed the task or returned a receipt for {} s", STALL.as_secs());
                     tasks.into_iter().for_each(|i| self.again(i, Fault::machine(why.clone())));
                 }
             }

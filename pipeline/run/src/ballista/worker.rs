@@ -107,7 +107,7 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
     let name = named(&format!("{}-{}-{}", kernel(), std::process::id(), short()));
     let crew = WorkerPool::new(config, name.clone(), scheduler.authority.clone(), on_receipt);
     if COMPUTE.set(Box::new(crew.clone())).is_err() {
-        return Err(Fault::bug("two workers in one process"));
+        return Err(Fault::bug("two workers run in one process"));
     }
     let own = config.work.join(format!("magline-worker-{}-{}", std::process::id(), short()));
     DirBuilder::new()

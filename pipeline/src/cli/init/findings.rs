@@ -129,7 +129,7 @@ impl LogFindings {
 
 impl TableFindings {
     fn add(&mut self, batch: &RecordBatch, vector: Option<&str>) -> Result<(), Fault> {
-        let lost = || Fault::bug("a batch of flights lacks a key");
+        let lost = || Fault::bug("a batch of flights lacks a key column");
         let number = |name: &str| batch.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
         for field in batch.schema().fields() {
             let Some(values) = batch.column_by_name(field.name()).filter(|c| c.data_type().is_numeric()) else {

@@ -93,8 +93,8 @@ impl InitText<'_> {
     /// The text of the spec.
     pub fn text(&self) -> String {
         let mut text = format!(
-            "# Written by `magline init`. It runs as it is: magline run SPEC. Lines with `?` need your answer.\n\n\
-             name  = {}\nstore = \"store\"   # folder of the results\n",
+            "# Written by `magline init`. The spec runs as it is: magline run SPEC. Lines with `?` need your \
+             answer.\n\nname  = {}\nstore = \"store\"   # folder of the results\n",
             quoted(&self.name)
         );
         for question in &self.questions {
@@ -110,8 +110,8 @@ impl InitText<'_> {
             text += &self.block(table, inputs.len() > 1);
         }
         if !main.has("year") {
-            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in \
-                     `time` of a mapping.\n";
+            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give the date as `date` \
+                     in `time` of a mapping.\n";
         }
         if let Some(map) = &self.map {
             text += &format!("\n[tables.anomaly]\npath = {}\n", quoted(map));
@@ -211,12 +211,14 @@ impl InitText<'_> {
                 format!("{mag} with the Tolles-Lawson terms of {vector}")
             }
             (Some(_), Some(_)) => "none: no line has manoeuvres".to_owned(),
-            (Some(_), None) => "none: it requires a vector magnetometer".to_owned(),
+            (Some(_), None) => "none: compensation requires a vector magnetometer".to_owned(),
             (None, _) => match self.vector_only() {
                 Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
                 None => {
                     let needs = self.vector_needs().join(", ");
-                    format!("none: without a scalar magnetometer it requires data that the log lacks: {needs}")
+                    format!(
+                        "none: without a scalar magnetometer, compensation requires data that the log lacks: {needs}"
+                    )
                 }
             },
         }

@@ -259,7 +259,7 @@ impl RemoteStore {
         if !self.bucket.replace(&name, pointer(pipeline, number, manifest.sum()).as_bytes(), before)? {
             let what = format!("another run published `{pipeline}` in {} during this run", self.bucket.address());
             return Err(
-                Fault::machine(what).help("nothing was published; finished results are stored, run the spec again")
+                Fault::machine(what).help("nothing was published; finished results are stored; run the spec again")
             );
         }
         self.place(pipeline, number, folder)

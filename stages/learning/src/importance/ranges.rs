@@ -14,7 +14,12 @@ impl<E> UnitCube<'_, E> {
     pub(super) fn check(&self, groups: &[Vec<usize>]) -> Result<Vec<usize>, ImportanceError<E>> {
         for [least, largest] in self.ranges {
             let is_range = least.is_finite() && largest.is_finite() && least <= largest;
-            setting("the upper bound of a range", largest - least, "at least the lower bound, both finite", is_range)?;
+            setting(
+                "the upper bound of a range",
+                largest - least,
+                "finite, and at least a finite lower bound",
+                is_range,
+            )?;
         }
         group_of(self.ranges.len(), groups)
     }

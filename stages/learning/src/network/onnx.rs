@@ -41,7 +41,7 @@ pub enum OnnxError {
         expected: usize,
     },
     /// A vector form lacks its frame.
-    #[error("a model 3 requires the coupling of its vector field")]
+    #[error("a network of the model 3 family requires the coupling of its vector field")]
     NoFrame,
     /// A parameter or a scale is NaN or infinite.
     #[error("{what} is not finite")]

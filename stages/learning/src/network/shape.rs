@@ -216,7 +216,7 @@ impl NetworkShape {
             return setting("the number of linear terms of this form of network", 0.0);
         }
         if self.form.is_vector() && ![TERMS_WITHOUT_EDDY, VECTOR_TERMS.len()].contains(&self.linear) {
-            let what = "the number of linear terms of a model 3";
+            let what = "the number of linear terms of the model 3 family";
             return Err(TrainingError::Setting { what, wanted: "9 or 18", given: self.linear as f64 });
         }
         Ok(())

@@ -283,7 +283,7 @@ impl NetworkTraining {
         pairs.into_iter().try_for_each(|given| expect(given, parameters))?;
         let vector = model.head.form.is_vector();
         if vector && self.physics > 0.0 {
-            let what = "the weight of the physics term of a model 3";
+            let what = "the weight of the physics term of the model 3 family";
             return Err(TrainingError::Setting { what, wanted: "0", given: self.physics });
         }
         if self.curriculum.is_some() {

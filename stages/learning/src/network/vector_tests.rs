@@ -344,13 +344,13 @@ fn unit_invalid_vector_networks_are_rejected() {
         assert!(error.contains(what), "{error}");
     };
     let (usual, training) = (shape(NetworkForm::VectorScalar, 18), NetworkTraining::default());
-    refused(&NetworkShape { linear: 12, ..usual.clone() }, &training, "a model 3 must be 9 or 18");
+    refused(&NetworkShape { linear: 12, ..usual.clone() }, &training, "the model 3 family must be 9 or 18");
     refused(&NetworkShape { form: NetworkForm::VectorOnly, ..usual.clone() }, &training, "of `m3tl` must be 0");
     let short = NetworkTraining { epochs: 9, curriculum: Some(1.0), ..training.clone() };
     refused(&usual, &short, "at least 10");
     let narrow = NetworkTraining { epochs: 10, curriculum: Some(1e-12), ..training.clone() };
     refused(&usual, &narrow, "large enough to select a sample");
-    refused(&usual, &NetworkTraining { physics: 1.0, ..training.clone() }, "the physics term of a model 3");
+    refused(&usual, &NetworkTraining { physics: 1.0, ..training.clone() }, "the physics term of the model 3 family");
     let plain = NetworkShape { form: NetworkForm::Plain, linear: 0, ..usual.clone() };
     let start = TrainingState::new(&plain, vec![0.1; plain.parameters()]);
     let samples = NetworkSamples { a: &[], ..samples };

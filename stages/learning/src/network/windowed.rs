@@ -291,9 +291,9 @@ impl WindowedNetworkShape {
             ("the number of inputs", "at least 1", self.inputs, self.inputs > 0),
             ("the number of units", "at least 1", self.units, self.units > 0),
             ("the window", "at least 1 sample", self.window, self.window > 0),
-            ("the number of heads", "a divisor of the units", self.heads, heads),
+            ("the number of heads", "a divisor of the number of units", self.heads, heads),
             ("the number of units of a whole window", "inputs times samples", self.units, whole),
-            ("the window of convolutions", "a power of two of samples, at least 2", self.window, powers),
+            ("the window of convolutions", "a power of two, at least 2", self.window, powers),
             (
                 "the number of inputs of the dense network",
                 "the number of features",

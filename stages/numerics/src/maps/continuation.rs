@@ -132,7 +132,8 @@ pub enum ContinuationError {
     },
     /// The drape requires too many levels.
     #[error(
-        "the drape requires {levels} levels, but the limit is {most}; increase the step of {step_m} m between them"
+        "the drape requires {levels} levels, but the limit is {most}; increase the step of {step_m} m between the \
+         levels"
     )]
     TooManyLevels {
         /// The number of levels.

@@ -88,7 +88,7 @@ pub enum StackError {
         level: usize,
     },
     /// No node is known at all levels.
-    #[error("no node of the stack is known at all of its levels")]
+    #[error("the stack has no node whose value is known at all levels")]
     Empty,
     /// A vertical derivative does not match its map's nodes.
     #[error("level {level}: {source}")]

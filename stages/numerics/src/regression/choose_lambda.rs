@@ -51,7 +51,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
 ///
 /// Fails for an uneven grid, an unknown target, or without convergence.
 pub fn curve(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
-    let wanted = "one of a list that ascends evenly in its logarithm";
+    let wanted = "one of a list with equal ascending steps of its logarithm";
     let first = lambdas.first().copied().unwrap_or(1.0);
     setting("lambda", first, wanted, first > 0.0 && first.is_finite())?;
     let ratio = lambdas.get(1).map_or(2.0, |second| second / first);
@@ -291,7 +291,7 @@ mod tests {
         let prepared = moments()[0].prepare(ColumnScaling::None, true).unwrap();
         for lambdas in [vec![0.0, 1.0], vec![1.0, 2.0, 3.0], vec![2.0, 1.0]] {
             let error = curve(&prepared, 0, &lambdas).unwrap_err().to_string();
-            assert!(error.contains("ascends evenly"), "{error}");
+            assert!(error.contains("equal ascending steps"), "{error}");
         }
         assert!(grid(0.0, 1.0, 3).is_err() && curve(&prepared, 5, &[1.0]).is_err());
         assert!(by_lines(&moments(), 0, &[0.0], ColumnScaling::None, true, LineScoreMeasure::MeanSquare).is_err());

@@ -61,7 +61,7 @@ pub enum ResampleError {
     Time(#[from] TimeError),
     /// The grid would be too long.
     #[error(
-        "from {first_s} s to {last_s} s at {rate_hz} Hz there are {rows:.0} rows, more than \
+        "resampling from {first_s} s to {last_s} s at {rate_hz} Hz gives {rows:.0} rows, more than the limit of \
          {MOST_ROWS}; check that the time is in seconds and has no outliers"
     )]
     TooLong {

@@ -41,7 +41,7 @@ pub enum SpectrumError {
         segment: usize,
     },
     /// There is no segment of this length without gaps.
-    #[error("no {segment} consecutive samples of {rows} are finite; use shorter segments")]
+    #[error("no {segment} consecutive samples among the {rows} samples are finite; use shorter segments")]
     TooShort {
         /// The number of samples of the series.
         rows: usize,

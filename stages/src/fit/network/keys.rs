@@ -96,12 +96,19 @@ impl NetworkKeys {
             "epochs",
         );
         let unvalidated = self.validation.is_empty();
-        let needs = "this requires validation data; name lines or flights in `validation`";
-        wrong(unvalidated && self.patience.is_some(), needs, "patience");
-        wrong(unvalidated && self.schedule == LearningSchedule::Plateau, needs, "schedule");
+        wrong(
+            unvalidated && self.patience.is_some(),
+            "`patience` requires validation data; name lines or flights in `validation`",
+            "patience",
+        );
+        wrong(
+            unvalidated && self.schedule == LearningSchedule::Plateau,
+            "`schedule = \"plateau\"` requires validation data; name lines or flights in `validation`",
+            "schedule",
+        );
         wrong(
             self.lbfgs_epochs > 0 && self.dropout > 0.0,
-            "`dropout` cannot be combined with `lbfgs_epochs`, because it changes the loss at each step",
+            "`dropout` cannot be combined with `lbfgs_epochs`, because dropout changes the loss at each step",
             "dropout",
         );
         faults

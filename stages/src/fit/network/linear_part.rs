@@ -97,7 +97,7 @@ impl LinearPart {
         let names: Vec<&String> = places.iter().map(|&i| &samples.names[i]).collect();
         let path = prepared.ridge(&[self.lambda], &names).map_err(data)?;
         let found = path.solutions.into_iter().next().and_then(|s| s.coefficients.into_iter().next());
-        found.ok_or_else(|| Fault::bug("a fit was lost"))
+        found.ok_or_else(|| Fault::bug("the result of a fit is missing"))
     }
 }
 

@@ -81,7 +81,9 @@ impl LinearPart {
                 [place] => places.push(place),
                 _ => {
                     let fault = Fault::data("the features hold the terms of several vector magnetometers");
-                    return Err(fault.of_param("linear").help("name one of them, such as `TL_A_flux_a`, in `linear`"));
+                    return Err(fault
+                        .of_param("linear")
+                        .help("name the terms of one magnetometer, such as `TL_A_flux_a`, in `linear`"));
                 }
             }
         }

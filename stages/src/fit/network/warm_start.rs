@@ -103,7 +103,7 @@ impl<'a> WarmStart<'a> {
             Some(count) => format!("uses {count} principal components"),
             None => "uses no principal components".to_owned(),
         };
-        Err(self.fault(&what).help("set `whiten` as in its fit"))
+        Err(self.fault(&what).help("set `whiten` as in the fit of that network"))
     }
 
     /// Sorts the positions of the linear terms into the order of the initial network's terms.
@@ -127,7 +127,7 @@ impl<'a> WarmStart<'a> {
                 return Ok(());
             }
             (Some(lacking), None) => format!("has the {noun} {lacking}, which this fit lacks"),
-            (None, Some(more)) => format!("does not have the {noun} {more} of this fit"),
+            (None, Some(more)) => format!("lacks the {noun} {more}, which this fit has"),
             (Some(lacking), Some(more)) => format!("has the {noun} {lacking} instead of {more}"),
         };
         Err(self.fault(&what).help(format!("use the same `{key}` in both fits, or rename columns with `rename`")))
@@ -158,7 +158,7 @@ impl<'a> WarmStart<'a> {
                 let here_hz = samples.rate_hz()?;
                 if (here_hz / rate_hz - 1.0).abs() > 0.01 {
                     let what = format!("was trained at {rate_hz} Hz, but these lines are sampled at {here_hz} Hz");
-                    return Err(self.fault(&what).help("use `resample` to give both the same rate"));
+                    return Err(self.fault(&what).help("add a `resample` stage, so that both have the same rate"));
                 }
                 &here.head
             }
@@ -353,7 +353,7 @@ mod tests {
         assert_reason(why(&m1, "m1", &[words("inputs", &["a", "b"])]), "has the inputs `c`, which this fit lacks");
         assert_reason(
             why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]),
-            "does not have the inputs `b`, `c` of this fit",
+            "lacks the inputs `b`, `c`, which this fit has",
         );
         assert_reason(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, but this fit has tanh");
         let eight = ("hidden".to_owned(), Literal::List(vec![Literal::Int(8), Literal::Int(4)]));

@@ -183,6 +183,6 @@ impl FilterInput<'_> {
     /// # Errors
     /// Fails if the input has no map.
     pub fn needed_map(&self) -> Result<&FieldMap, Fault> {
-        self.map.ok_or_else(|| Fault::bug("a filter without a map needs one"))
+        self.map.ok_or_else(|| Fault::bug("the filter needs a map, but its input has none"))
     }
 }

@@ -374,8 +374,8 @@ fn user_refused_requests_are_reported_without_secrets() {
     let nowhere = "s3://nowhere/one".to_owned();
     let password = format!("s3://id:geheim@{BUCKET}/one");
     let cases: [Case; 9] = [
-        (&at, &[("AWS_SECRET_ACCESS_KEY", "geheim-guessed")], 1, &["403", "do not permit it"]),
-        (&at, &[("AWS_ACCESS_KEY_ID", "AKIANOBODY")], 1, &["do not permit it"]),
+        (&at, &[("AWS_SECRET_ACCESS_KEY", "geheim-guessed")], 1, &["403", "do not permit this request"]),
+        (&at, &[("AWS_ACCESS_KEY_ID", "AKIANOBODY")], 1, &["do not permit this request"]),
         (&nowhere, &[], 1, &["there is no bucket s3://nowhere"]),
         (&at, &[("AWS_ENDPOINT_URL", &format!("http://{nobody}"))], 1, &[&at, "the server did not respond in time"]),
         (&at, &[("AWS_ENDPOINT_URL", &down.endpoint)], 1, &[&at, "500"]),

@@ -224,9 +224,9 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let of_day = name_of_head(&column.name) == "tt"
         || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
-        (true, _) => ("unix", "as seconds since 1970, the values are dates in this century"),
-        (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
-        (false, false) => ("boot", "it probably counts from the start of the log"),
+        (true, _) => ("unix", "read as seconds since 1970, the values are dates in this century"),
+        (_, true) => ("day", "the column name indicates seconds past midnight; the date is unknown"),
+        (false, false) => ("boot", "the column probably counts from the start of the log"),
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {

@@ -235,17 +235,16 @@ fn vector(
             declared.as_ref().filter(|unit| !convert(unit, "nT").is_some_and(|nt| field::EARTH.contains(&(size * nt))));
         let (unit, why) = match (declared.clone(), like) {
             _ if wrong.is_some() => {
-                let nt = field::FIELD
-                    .iter()
-                    .find(fits)
-                    .map_or(String::new(), |(unit, factor)| format!("; in {unit} it would be {:.0} nT", size * factor));
+                let nt = field::FIELD.iter().find(fits).map_or(String::new(), |(unit, factor)| {
+                    format!("; in {unit}, the magnitude would be {:.0} nT", size * factor)
+                });
                 let unit = declared.unwrap_or_default();
                 return left(format!(
                     "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set \
                      its `unit`"
                 ));
             }
-            (Some(unit), _) => (unit, "its unit is in the file".to_owned()),
+            (Some(unit), _) => (unit, "the file gives the unit".to_owned()),
             (None, Some((unit, why))) => (unit, why),
             (None, None) => match field::FIELD.iter().find(fits) {
                 Some((unit, factor)) => (
@@ -300,7 +299,7 @@ fn vector(
     }
     if has(words, &["gyr", "gyro", "gyroscope"]) {
         return match declared_unit(first, "deg/s") {
-            Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is in the file".to_owned()),
+            Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "the file gives the unit".to_owned()),
             None => left(
                 "an angular rate in rad/s or deg/s; the values do not determine the unit; set its `unit`".to_owned(),
             ),
@@ -361,7 +360,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     if (listed || flight::is_scalar_reading(own) || flight::vector_part(own).is_some())
         && let Some(unit) = declared_unit(column, known.unit).filter(|unit| can_be(column, own, unit))
     {
-        return made(own, &unit, "a column name of the flight table; its unit is in the file");
+        return made(own, &unit, "a column name of the flight table; the file gives the unit");
     }
     let (low, high) = column.range()?;
     let largest = column.largest();
@@ -378,7 +377,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
             return left("all values are 0");
         }
         return match declared_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
-            Some(unit) => made(ours, &unit, "its unit is in the file"),
+            Some(unit) => made(ours, &unit, "the file gives the unit"),
             None if largest <= ends.0 => made(
                 ours,
                 "rad",
@@ -395,7 +394,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     if let Some(angle) = angle {
         let ours = format!("ins_{angle}");
         return match declared_unit(column, "deg") {
-            Some(unit) => made(&ours, &unit, "its unit is in the file; an estimate of the autopilot, not truth"),
+            Some(unit) => made(&ours, &unit, "the file gives the unit; an estimate of the autopilot, not truth"),
             // The three angles of a log have one unit.
             None if largest_angle(topic) > 6.4 => made(
                 &ours,
@@ -413,7 +412,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     }
     if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
         return match declared_unit(column, "m") {
-            Some(unit) => made("baro", &unit, "its unit is in the file"),
+            Some(unit) => made("baro", &unit, "the file gives the unit"),
             None => left("a barometric height in m or ft; set its `unit`"),
         };
     }
@@ -421,13 +420,13 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
         let unit = declared_unit(column, "m");
         if is_ins {
             return match unit {
-                Some(unit) => made("ins_alt", &unit, "its unit is in the file; a height of the INS, not truth"),
+                Some(unit) => made("ins_alt", &unit, "the file gives the unit; a height of the INS, not truth"),
                 None => left("a height of the INS in m or ft; set its `unit`"),
             };
         }
         return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
-            (true, _, Some(unit)) => made("alt", &unit, "its unit is in the file"),
-            (_, true, Some(unit)) => made("msl", &unit, "its unit is in the file"),
+            (true, _, Some(unit)) => made("alt", &unit, "the file gives the unit"),
+            (_, true, Some(unit)) => made("msl", &unit, "the file gives the unit"),
             _ => left("a height: name it `alt` if above the ellipsoid, `msl` if above sea level; set its `unit`"),
         };
     }
@@ -441,7 +440,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     if has(&words, &["curr", "current"]) && !has(&words, &["tot", "total", "average", "filtered"]) {
         let ours = format!("cur_{}", own_word(&words));
         return match declared_unit(column, "A") {
-            Some(unit) => made(&ours, &unit, "its unit is in the file"),
+            Some(unit) => made(&ours, &unit, "the file gives the unit"),
             None => {
                 left("a current in A, mA or 0.01 A; the values do not determine the unit; set its `unit` (and `scale`)")
             }
@@ -450,7 +449,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
         return match declared_unit(column, "V") {
-            Some(unit) => made(&ours, &unit, "its unit is in the file"),
+            Some(unit) => made(&ours, &unit, "the file gives the unit"),
             None => {
                 left("a voltage in V, mV or 0.01 V; the values do not determine the unit; set its `unit` (and `scale`)")
             }
@@ -462,7 +461,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
         let axis = axis.iter().find(|(_, names)| has(&words, names)).map(|(axis, _)| *axis);
         if let (Some(axis), Some(unit)) = (axis, declared_unit(column, "m/s")) {
             let ours = if is_ins { format!("ins_v{axis}") } else { format!("v{axis}") };
-            return made(&ours, &unit, "its unit is in the file");
+            return made(&ours, &unit, "the file gives the unit");
         }
     }
     if listed && !known.unit.is_empty() {

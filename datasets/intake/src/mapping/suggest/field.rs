@@ -102,7 +102,7 @@ pub(super) fn field_like(
         return None;
     }
     if let Some(unit) = declared {
-        return Some((unit, "its unit is in the file".to_owned()));
+        return Some((unit, "the file gives the unit".to_owned()));
     }
     let readings = readings(topic);
     let near = FIELD.iter().find_map(|(unit, factor)| {
@@ -112,7 +112,7 @@ pub(super) fn field_like(
         Some(((*unit).to_owned(), what))
     });
     let alone = || {
-        let what = format!("the magnitude is steady at {size:.0}, as the earth's field in nT");
+        let what = format!("the magnitude is steady at {size:.0}, as expected for the earth's field in nT");
         TOTAL.contains(&size).then(|| ("nT".to_owned(), what))
     };
     near.or_else(alone)
@@ -161,7 +161,8 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
     let number = words.iter().find(|w| w.len() < 4 && w.bytes().all(|b| b.is_ascii_digit()));
     let number = number.map_or("1", String::as_str);
     if has(&words, &["comp", "compensated", "cmp"]) && !has(&words, &["un", "not"]) {
-        let why = format!("a median of {median:.1} {unit} is the earth's field; the name means a compensated reading");
+        let why =
+            format!("a median of {median:.1} {unit} is the earth's field; the name suggests a compensated reading");
         return Some(Ok((format!("mag_{number}_c"), unit, why)));
     }
     let why = format!("a median of {median:.1} {unit} is the earth's field");
@@ -283,7 +284,11 @@ mod tests {
     #[test]
     fn unit_a_unit_that_contradicts_the_values_is_a_reason_to_omit_a_vector() {
         let found = guessed(turning(["mag_x_uT", "mag_y_uT", "mag_z_uT"], 52_000.0));
-        assert!(!found[0].is_used() && found[0].why.contains("in nT it would be 52000 nT"), "{}", found[0].why);
+        assert!(
+            !found[0].is_used() && found[0].why.contains("in nT, the magnitude would be 52000 nT"),
+            "{}",
+            found[0].why
+        );
         assert_eq!(used(turning(["mag_x_uT", "mag_y_uT", "mag_z_uT"], 52.0))[0].0, "flux_a");
     }
 

@@ -44,7 +44,8 @@ pub(super) fn text_clock(column: &ColumnSample, texts: &[String]) -> Option<Text
         && let (Some(one), Some(two), Some(format)) = (day(&first), day(&other), other.format)
     {
         first.question = Some(format!(
-            "is `{}`, such as {text}, {} or {}? It is read as {}. For the other, set `format = \"{format}\"` in `time`",
+            "is `{}`, such as {text}, {} or {}? It is read as {}. For the other date, set `format = \"{format}\"` in \
+             `time`",
             one_line(&column.name),
             date_text(one),
             date_text(two),

@@ -100,17 +100,18 @@ params! {
     /// Position relative to the aircraft's reference point.
     position_m: Option<[f64; 3]>, unit "m", absent "wires have no effect", rule Rule::Finite;
     /// Permanent field.
-    permanent: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `permanent_nt`", rule Rule::Finite;
+    permanent: Option<[f64; 3]>, unit "nT",
+        absent "drawn at random with the magnitude `permanent_nt`", rule Rule::Finite;
     /// Magnitude of a permanent field whose direction is drawn.
     permanent_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Induced tensor, symmetric or not: induced field in nT per nT of the earth's field.
-    induced: Option<[[f64; 3]; 3]>, unit "1", absent "drawn with the size `induced_nt`", rule Rule::Finite;
+    induced: Option<[[f64; 3]; 3]>, unit "1", absent "drawn at random with the size `induced_nt`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn induced tensor, times 50,000 nT.
     induced_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Draws a symmetric induced tensor.
     induced_symmetric: bool, unit "", default true;
     /// Eddy matrix, in nT per nT/s.
-    eddy: Option<[[f64; 3]; 3]>, unit "s", absent "drawn with the size `eddy_s`", rule Rule::Finite;
+    eddy: Option<[[f64; 3]; 3]>, unit "s", absent "drawn at random with the size `eddy_s`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn eddy matrix.
     eddy_s: Option<f64>, unit "s", absent "0", rule Rule::NotNegative;
     /// Standard deviation of the change in each component of the permanent field between flights, such as the shock of
@@ -119,14 +120,16 @@ params! {
     /// Random walk of each component of the permanent field from the flight's start, in nT/√h.
     permanent_walk_nt_per_sqrt_h: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Field caused by wing bending, in nT per m/s² of vertical specific force in excess of level flight.
-    flex: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `flex_nt_per_mps2`", rule Rule::Finite;
+    flex: Option<[f64; 3]>, unit "nT",
+        absent "drawn at random with the magnitude `flex_nt_per_mps2`", rule Rule::Finite;
     /// Magnitude of the field caused by wing bending, in nT per m/s². Its direction is drawn.
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Excess specific force at which wing bending saturates.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
     /// Remanence of the airframe's iron. Column j is the remaining field after the earth's field along body axis j has
     /// been cycled between ±50,000 nT and returned to zero. It is half the width of the hysteresis loop.
-    hysteresis: Option<[[f64; 3]; 3]>, unit "nT", absent "drawn with the size `hysteresis_nt`", rule Rule::Finite;
+    hysteresis: Option<[[f64; 3]; 3]>, unit "nT",
+        absent "drawn at random with the size `hysteresis_nt`", rule Rule::Finite;
     /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field retains up to 3 %
     /// of the induced field.
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;

@@ -98,7 +98,9 @@ impl InsErrors {
         let (group, faults) = ParamReader::new("INS", &entries, None, &lists).group::<InsErrorSpec>(None);
         match faults.into_iter().next() {
             Some(fault) => Err(fault),
-            None => group.map(|of| of.sources).ok_or_else(|| Fault::new("not the error sources of an INS")),
+            None => group
+                .map(|of| of.sources)
+                .ok_or_else(|| Fault::new("the text does not give the error sources of an INS")),
         }
     }
 }

@@ -65,7 +65,8 @@ pub fn prior_from_calibrations(
     };
     for (place, calibration) in calibrations.iter().enumerate() {
         if calibration.len() != terms || calibration.iter().any(|c| !c.is_finite()) {
-            let what = format!("calibration {place} does not have {terms} finite coefficients like the first");
+            let what =
+                format!("calibration {place} must have {terms} finite coefficients, as the first calibration has");
             return Err(refused("prior", what));
         }
     }

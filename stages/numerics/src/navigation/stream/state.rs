@@ -42,7 +42,7 @@ pub enum StateError {
     /// The state belongs to another map or core field.
     #[error(
         "the saved state belongs to another map or core field: at its last position the field was {saved_nt} nT and is \
-         {found_nt} nT"
+         now {found_nt} nT"
     )]
     Field {
         /// Field at the last position when the state was saved, in nT; NaN off the map.

@@ -50,7 +50,7 @@ pub struct ScaledFactorSvd {
 }
 
 impl ScaledFactor {
-    #[expect(clippy::too_many_arguments, reason = "made in one place, from a factor's parts")]
+    #[expect(clippy::too_many_arguments, reason = "only one function calls it, with the parts of a factor")]
     pub(super) fn new(
         rows: usize,
         targets: usize,

@@ -44,9 +44,9 @@ pub enum NoiseFitError {
     Constant,
     /// The correlation time is too long for the record.
     #[error(
-        "the record is too short for its correlation time of about {tau_s:.0} s: the runs last \
-         {total_s:.0} s in total and the longest lasts {longest_s:.0} s, but at least 20 and 8 correlation times, \
-         respectively, are required"
+        "the record is too short for its correlation time of about {tau_s:.0} s: the runs last {total_s:.0} s in \
+         total, but must last at least 20 correlation times; the longest run lasts {longest_s:.0} s, but must last at \
+         least 8"
     )]
     Unresolved {
         /// Correlation time of the best fit, in seconds.
