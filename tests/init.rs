@@ -227,8 +227,8 @@ fn user_eastings_and_northings_become_latitude_and_longitude() {
         assert!(output.status.success(), "{name}: {}", stderr(&output));
         let even = read(&folder.join(format!("store/tables/{name}/even")));
         let (lat, lon) = (numbers(&even, "lat"), numbers(&even, "lon"));
-        let worst = flight().iter().zip(lat.iter().zip(&lon)).map(|(s, (lat, lon))| (lat - s.lat).hypot(lon - s.lon));
-        let worst = worst.fold(0.0, f64::max);
+        let off = |(s, (lat, lon)): (&Sample, (&f64, &f64))| (lat - s.lat).hypot(lon - s.lon);
+        let worst = flight().iter().zip(lat.iter().zip(&lon)).map(off).fold(0.0, f64::max);
         assert!(worst < 1e-6, "{name}: {worst} degrees");
     }
     let output = magline(folder, &["init", "log.csv", "--epsg", "4326", "-o", "degrees.toml"]);

@@ -100,15 +100,15 @@ def ekf(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro
-    biases, barometer loop, and temporal variation.
+    """The extended Kalman filter with 18 states: position, velocity, tilt, accelerometer and
+    gyro biases, barometer loop, and temporal variation.
 
     The map is linearised at the estimated position of each sample.
 
     With `tuning = "auto"` the innovation variance includes the effect of the map's curvature
     within the position uncertainty, from second-order divided differences [Nørgaard, Poulsen &
-    Ravn 2000]. Without this term, the first updates after a coarse start reduce the covariance
-    too far.
+    Ravn 2000]. Without this term, the first updates after an inaccurate start reduce the
+    covariance too far.
 
     Parameters
     ----------
@@ -147,16 +147,16 @@ def ekf(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -167,43 +167,49 @@ def ekf(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -217,23 +223,25 @@ def ekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -247,24 +255,24 @@ def ekf(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -281,16 +289,17 @@ def ekf(
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
-        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+        Allowed: above 0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before
+        filtering.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -304,69 +313,69 @@ def ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -376,53 +385,57 @@ def ekf(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -440,8 +453,8 @@ def ekf(
 
     References
     ----------
-    Gnadt 2022, section 5.3, with discretised process noise. F and H are verified by finite
-    differences.
+    Gnadt 2022, section 5.3, with discretised process noise. The Jacobians F and H are verified
+    by finite differences.
 
     Examples
     --------
@@ -547,13 +560,14 @@ def iekf(
 ) -> Track:
     """The 18-state iterated extended Kalman filter.
 
-    At each sample, it linearises the map again at each new estimate until it finds the most
-    probable state. If the position error is not small compared with the wavelengths of the map,
-    the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
-    errors several times as large as `ekf` does, and takes little more time.
+    At each sample, the filter repeats the linearisation of the map at each new estimate until
+    it finds the most probable state. If the position error is not small compared with the
+    wavelengths of the map, the single linearisation of `ekf` is inaccurate, and `ekf` is
+    overconfident. `iekf` tolerates position errors several times as large as `ekf` does, and
+    takes little more time.
 
-    A step that would make the state less probable is halved. With `iterations = 1` the filter
-    is `ekf`.
+    A step that would make the state less probable is halved. With `iterations = 1`, the filter
+    equals `ekf`.
 
     Parameters
     ----------
@@ -592,16 +606,16 @@ def iekf(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -612,43 +626,49 @@ def iekf(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -662,23 +682,25 @@ def iekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -692,24 +714,24 @@ def iekf(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -732,16 +754,17 @@ def iekf(
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
-        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+        Allowed: above 0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before
+        filtering.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -755,69 +778,69 @@ def iekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -827,53 +850,57 @@ def iekf(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -999,10 +1026,10 @@ def ukf(
     """The unscented Kalman filter with the states of `ekf`.
 
     Instead of linearising the map at the estimated position, the filter fits a linear function
-    to the map over the position uncertainty, from seven map values per sample. If the map is
-    linear over that uncertainty, the filter equals `ekf`. Otherwise it treats the nonlinearity
-    of the map as noise. Use `ukf` if the position uncertainty exceeds the node spacing of the
-    map.
+    to the map over the position uncertainty. The fit uses the map values at seven sigma points:
+    a central one and six outer ones. If the map is linear over the position uncertainty, the
+    filter equals `ekf`. Otherwise it treats the nonlinearity of the map as noise. Use `ukf` if
+    the position uncertainty exceeds the node spacing of the map.
 
     If an outer sigma point is off the map, the map is linearised at the estimated position.
     `sd_nonlinear` is the part of the innovation's standard deviation due to the nonlinearity of
@@ -1045,16 +1072,16 @@ def ukf(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -1065,43 +1092,49 @@ def ukf(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -1115,23 +1148,25 @@ def ukf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -1145,24 +1180,24 @@ def ukf(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -1176,21 +1211,22 @@ def ukf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     alpha : float, optional
-        Scale factor of the distance of the outer points from the centre. Allowed: above 0.
-        Default: `1.0`.
+        Scale factor on the distance of the outer sigma points from the central one. Allowed:
+        above 0. Default: `1.0`.
     beta : float, optional
-        Parameter of the central sigma point, whose weight in the covariance exceeds its weight
-        in the mean by 1 - alpha² + beta. The minimum is -alpha² kappa/3. Averaged over
-        directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of
-        the true variance. With a beta of 2, the filter is therefore cautious. Allowed: finite.
-        Default: `2.0`.
+        Parameter in the weight of the central sigma point: the weight in the covariance exceeds
+        the weight in the mean by 1 - alpha² + beta. The minimum of beta is -alpha² kappa/3. The
+        filter computes the variance due to the nonlinearity of the field. Averaged over
+        directions, the computed variance is (5 + 4 beta)/8 of the true variance. With a beta of
+        2, the filter is therefore cautious. Allowed: finite. Default: `2.0`.
     kappa : float, optional
-        Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from
-        the centre. It must be above -3. With 0, the gain is exact to the fourth moment of a
-        normal distribution. Allowed: finite. Default: `0.0`.
+        Parameter in the distance of the outer sigma points from the central one, which is alpha
+        sqrt(3 + kappa) standard deviations. `kappa` must be above -3. With 0, the gain is exact
+        to the fourth moment of a normal distribution. Allowed: finite. Default: `0.0`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
-        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+        Allowed: above 0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before
+        filtering.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
@@ -1199,9 +1235,9 @@ def ukf(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -1215,69 +1251,69 @@ def ukf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -1287,53 +1323,57 @@ def ukf(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -1468,15 +1508,16 @@ def ekf_adaptive(
     estimate.
 
     `sigma_adapted` is the assumed measurement noise of the sample. It starts at
-    `measurement_sigma_nt` and is estimated from the window before the sample. With several
-    magnetometers, each has its column `sigma_adapted_<mag>`, and a magnetometer has less weight
-    when its noise increases.
+    `measurement_sigma_nt` and is then estimated from the innovations in the window before the
+    sample. With several magnetometers, each has its column `sigma_adapted_<mag>`, and a
+    magnetometer has less weight when its noise increases.
 
     `noise_column` holds the noise that a network or an ensemble predicts for each sample. With
-    this key, the filter estimates one scale factor and keeps the predicted variation over time.
-    If the position error dominates the innovations, as after an inaccurate start or a noisy
-    period, they contain little information on the noise. The default `form` then changes the
-    noise little; the other forms drive it to one of the bounds.
+    this key, the filter estimates one scale factor on this noise and keeps the predicted
+    variation over time. After an inaccurate start or a noisy period, the position error
+    dominates the innovations, which then contain little information on the noise. In this case,
+    the default `form` changes the noise little, and the other forms move it to one of the
+    bounds.
 
     Parameters
     ----------
@@ -1515,16 +1556,16 @@ def ekf_adaptive(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -1535,43 +1576,49 @@ def ekf_adaptive(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -1585,23 +1632,25 @@ def ekf_adaptive(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -1615,24 +1664,24 @@ def ekf_adaptive(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -1664,13 +1713,13 @@ def ekf_adaptive(
     form : {"residual", "matched", "compatible"}, optional
         Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement.
         `"matched"`, the default of version 1, subtracts from each squared innovation the
-        covariance predicted at that time. `"compatible"`, as in MagNav.jl, starts at the mean
-        of the bounds and subtracts the present covariance from all squared innovations.
-        Default: `"residual"`.
+        variance predicted for the same sample. `"compatible"`, as in MagNav.jl, starts at the
+        mean of the bounds and subtracts the variance predicted for the present sample from all
+        squared innovations. Default: `"residual"`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
-        gate; `tuning = "auto"` rejects outliers before the filter.
+        gate; with `tuning = "auto"`, outliers are rejected before filtering.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
@@ -1679,9 +1728,9 @@ def ekf_adaptive(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -1695,69 +1744,69 @@ def ekf_adaptive(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -1767,53 +1816,57 @@ def ekf_adaptive(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -1958,12 +2011,12 @@ def ekf_online_tl(
     constant that map and compensation leave undetermined, so `offset_window_s` is not needed.
 
     The prior comes from the calibrations in `model` (one or several tables of `fit`), converted
-    to the rate of the line. Without `model` the filter starts cold. A scalar magnetometer among
-    the terms is rejected: the filter would subtract its own measurement. `aircraft` is the
-    aircraft field computed with the coefficients estimated at the sample. With several
-    magnetometers, each has its column `aircraft_<mag>`. `residual` is the innovation of the
-    first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the
-    sample.
+    to the sample rate of the line. Without `model`, the filter starts cold: the prior mean of
+    all coefficients is 0. A scalar magnetometer among the terms is rejected, because the filter
+    would subtract its own measurement. `aircraft` is the aircraft field computed with the
+    coefficients estimated at the sample. With several magnetometers, each has its column
+    `aircraft_<mag>`. `residual` is the innovation of the first magnetometer used at a sample.
+    `nis` is the mean over all magnetometers used at the sample.
 
     Parameters
     ----------
@@ -2009,16 +2062,16 @@ def ekf_online_tl(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -2029,43 +2082,49 @@ def ekf_online_tl(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -2079,23 +2138,25 @@ def ekf_online_tl(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -2109,24 +2170,24 @@ def ekf_online_tl(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -2140,22 +2201,24 @@ def ekf_online_tl(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     walk_per_hour : float, optional
-        Random walk of a coefficient: its standard deviation after one hour, divided by its
-        prior standard deviation. With 0 the coefficients are constants. In a cold start the
+        Random walk of a coefficient: standard deviation of the change in one hour, divided by
+        the prior standard deviation. With 0 the coefficients are constants. In a cold start the
         default is 0, because the wide prior does not describe changes in flight. Allowed: 0 or
         above. Unset: 0.1 with `model`, else 0.0.
     flux_bias_sigma_nt : float, optional
-        Standard deviation of the bias of each axis of `vector`, from which the terms are
-        computed. If set, these biases are estimated. Unit: nT. Allowed: above 0. Unset:
-        `vector` is exact.
+        Standard deviation of the bias of each axis of `vector`, the magnetometer of the terms.
+        If set, the filter estimates these biases. Unit: nT. Allowed: above 0. Unset: `vector`
+        is assumed to be exact.
     flux_bias_tau_s : float, optional
-        Time constant of these biases. Unit: s. Allowed: above 0. Unset: the bias is constant.
+        Time constant of the biases of `vector`. Unit: s. Allowed: above 0. Unset: the biases
+        are constant.
     bt_scale_nt : float, optional
-        Field scale of the terms, as in the `a_matrix` stage that computes them. Unit: nT.
-        Allowed: above 0. Default: `50000.0`.
+        Field scale of the terms: `bt_scale_nt` of the `a_matrix` stage that computes the terms.
+        Unit: nT. Allowed: above 0. Default: `50000.0`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
-        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+        Allowed: above 0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before
+        filtering.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
@@ -2165,9 +2228,9 @@ def ekf_online_tl(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -2181,16 +2244,16 @@ def ekf_online_tl(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     terms : str, optional
         List column of the terms, as made by `a_matrix`. Default: `"tl"`.
     permanent_sigma_nt : float, optional
@@ -2200,81 +2263,83 @@ def ekf_online_tl(
         Standard deviation of the zero-mean prior of an induced coefficient, unless `model`
         supplies a prior. Unit: nT. Allowed: above 0. Default: `1000.0`.
     eddy_sigma_nt_s : float, optional
-        Prior standard deviation of an eddy coefficient. Its term is the change of the field
-        from sample to sample divided by the scale. The value is multiplied by the sample rate
-        of the line. Unit: nT s. Allowed: above 0. Default: `500.0`.
+        Prior standard deviation of an eddy coefficient at one sample per second. An eddy term
+        contains the change of the field from one sample to the next, so this value is
+        multiplied by the sample rate of the line. Unit: nT s. Allowed: above 0. Default:
+        `500.0`.
     bias_sigma_nt : float, optional
         Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
         `500.0`.
     input_sigma_nt : float, optional
-        Prior standard deviation of any other term, such as an electric current, in nT per unit
-        of its column. A current loop in the cabin causes a few nT per ampere. Unit: nT.
-        Allowed: above 0. Default: `20.0`.
+        Prior standard deviation of the coefficient of any other term, such as an electric
+        current, in nT per unit of the term. A current loop in the cabin causes a few nT per
+        ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
-        Prior standard deviation of each harmonic of the magnetometer's heading error: the
-        first, second and fourth harmonics of the angle between its axis and the field,
-        `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
-        Unset: the heading error is not estimated.
+        Prior standard deviation of each harmonic of the magnetometer's heading error. The terms
+        `heading_1`, `heading_2` and `heading_4` are the first, second and fourth harmonics of
+        the angle between the sensor axis and the field. This key requires `vector`. Unit: nT.
+        Allowed: above 0. Unset: the heading error is not estimated.
     prior_factor : float, optional
-        Factor on the prior standard deviations from `model`. For one calibration, these are the
-        standard deviations of its fit. For several, they are the scatter between the
-        calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to the rate of the line. At rates below about 5 Hz, the differences are inaccurate
-        in manoeuvres. They underestimate a change at frequency f by the fraction (2 pi f /
-        rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+        Factor on the prior standard deviations from `model`. A single calibration supplies the
+        standard deviations of its fit. Several calibrations supply the scatter between them.
+        Some terms, such as eddy terms, are differences between samples. The coefficients of
+        these terms are converted from the sample rate of the fit to the sample rate of the
+        line. At rates below about 5 Hz, the differences are inaccurate in manoeuvres: they
+        underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6. Allowed:
+        above 0. Default: `1.0`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -2284,53 +2349,57 @@ def ekf_online_tl(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -2469,22 +2538,22 @@ def fixed_lag(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """A smoother over sliding windows that estimates the aircraft field while it navigates.
+    """A smoother over sliding windows that also estimates the aircraft field.
 
     Its states are the 18 states of `ekf`, the coefficients for the line's A-matrix, and a
-    first-order Gauss-Markov error of the magnetometer. It can start cold with an uncompensated
-    magnetometer: while the INS is accurate to metres at the start of the line, the map
-    determines the coefficients.
+    first-order Gauss-Markov error of the magnetometer. The smoother can start with an
+    uncompensated magnetometer and without a calibration. While the INS is accurate to metres,
+    at the start of the line, the map determines the coefficients.
 
     Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map.
     Each window passes the filtered covariance of INS states and coefficients to the next
-    window. Between the ends of windows, a filter continues from the last window. Its
-    innovations give one `residual` and one `nis` per `measurement_interval_s`. With `lag_s =
-    0.0` the track corresponds to real-time navigation.
+    window. Between the end of one window and the end of the next, a filter continues the track.
+    The innovations of this filter give one `residual` and one `nis` per
+    `measurement_interval_s`. With `lag_s = 0.0`, the track corresponds to real-time navigation.
 
     `fogm_sigma_nt` describes the temporal variation common to all magnetometers.
-    `aircraft_sigma_nt` describes the residual of the linear aircraft model. Without
-    `aircraft_sigma_nt`, filters that use cabin magnetometers are overconfident.
+    `aircraft_sigma_nt` describes the residual of the linear aircraft model. Without an assumed
+    noise for this residual, a filter with magnetometers in the cabin is overconfident.
 
     Parameters
     ----------
@@ -2530,16 +2599,16 @@ def fixed_lag(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -2550,43 +2619,49 @@ def fixed_lag(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -2600,23 +2675,25 @@ def fixed_lag(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -2630,24 +2707,24 @@ def fixed_lag(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -2663,8 +2740,8 @@ def fixed_lag(
     window_s : float, optional
         Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
     overlap : float, optional
-        Fraction of a window that the next window shares: windows end every `window_s` (1 -
-        `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+        Fraction of a window that overlaps with the next window. Windows end every `window_s` (1
+        - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
     lag_s : float, optional
         Delay of the estimate, which uses measurements up to this time after the sample. 0 gives
         real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
@@ -2672,7 +2749,8 @@ def fixed_lag(
         Interval over which measurements are averaged into one. 0 uses every sample. Unit: s.
         Allowed: 0 or above. Default: `1.0`.
     loss : {"none", "huber", "cauchy"}, optional
-        Loss function of a residual: quadratic, or robust to outliers. Default: `"none"`.
+        Loss function of a residual: quadratic (`none`), or robust to outliers (`huber`,
+        `cauchy`). Default: `"none"`.
     loss_scale : float, optional
         Residual above which a robust `loss` departs from the quadratic loss, in standard
         deviations of the measurement. Allowed: above 0. Default: `2.5`.
@@ -2680,14 +2758,16 @@ def fixed_lag(
         Maximum number of iterations per window. Default: `15`.
     aircraft_sigma_nt : float, optional
         Standard deviation of the slowly varying aircraft field that the coefficients do not
-        explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning =
-        "auto"` estimates the noise of the line, which then includes it.
+        explain. 0 assumes no such field. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if
+        `tuning = "auto"` estimates the noise of the line: the estimated noise then includes
+        this field.
     aircraft_tau_s : float, optional
-        Time constant of this slowly varying aircraft field. Unit: s. Allowed: above 0. Default:
-        `300.0`.
+        Time constant of the slowly varying aircraft field that the coefficients do not explain.
+        Unit: s. Allowed: above 0. Default: `300.0`.
     walk_per_hour : float, optional
-        Random walk of every coefficient in one hour, as a fraction of its prior standard
-        deviation; 0 for constant coefficients. Allowed: 0 or above. Default: `0.0`.
+        Random walk of a coefficient: standard deviation of the change in one hour, divided by
+        the prior standard deviation. With 0 the coefficients are constants. Allowed: 0 or
+        above. Default: `0.0`.
     discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
         Discretisation of the process noise: `trapezoidal` is of second order, `rectangular` of
         first order as in MagNav.jl, and `van_loan` exact. Default: `"trapezoidal"`.
@@ -2700,34 +2780,36 @@ def fixed_lag(
         Standard deviation of the zero-mean prior of an induced coefficient, unless `model`
         supplies a prior. Unit: nT. Allowed: above 0. Default: `1000.0`.
     eddy_sigma_nt_s : float, optional
-        Prior standard deviation of an eddy coefficient. Its term is the change of the field
-        from sample to sample divided by the scale. The value is multiplied by the sample rate
-        of the line. Unit: nT s. Allowed: above 0. Default: `500.0`.
+        Prior standard deviation of an eddy coefficient at one sample per second. An eddy term
+        contains the change of the field from one sample to the next, so this value is
+        multiplied by the sample rate of the line. Unit: nT s. Allowed: above 0. Default:
+        `500.0`.
     bias_sigma_nt : float, optional
         Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
         `500.0`.
     input_sigma_nt : float, optional
-        Prior standard deviation of any other term, such as an electric current, in nT per unit
-        of its column. A current loop in the cabin causes a few nT per ampere. Unit: nT.
-        Allowed: above 0. Default: `20.0`.
+        Prior standard deviation of the coefficient of any other term, such as an electric
+        current, in nT per unit of the term. A current loop in the cabin causes a few nT per
+        ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
     heading_error_sigma_nt : float, optional
-        Prior standard deviation of each harmonic of the magnetometer's heading error: the
-        first, second and fourth harmonics of the angle between its axis and the field,
-        `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
-        Unset: the heading error is not estimated.
+        Prior standard deviation of each harmonic of the magnetometer's heading error. The terms
+        `heading_1`, `heading_2` and `heading_4` are the first, second and fourth harmonics of
+        the angle between the sensor axis and the field. This key requires `vector`. Unit: nT.
+        Allowed: above 0. Unset: the heading error is not estimated.
     prior_factor : float, optional
-        Factor on the prior standard deviations from `model`. For one calibration, these are the
-        standard deviations of its fit. For several, they are the scatter between the
-        calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to the rate of the line. At rates below about 5 Hz, the differences are inaccurate
-        in manoeuvres. They underestimate a change at frequency f by the fraction (2 pi f /
-        rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+        Factor on the prior standard deviations from `model`. A single calibration supplies the
+        standard deviations of its fit. Several calibrations supply the scatter between them.
+        Some terms, such as eddy terms, are differences between samples. The coefficients of
+        these terms are converted from the sample rate of the fit to the sample rate of the
+        line. At rates below about 5 Hz, the differences are inaccurate in manoeuvres: they
+        underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6. Allowed:
+        above 0. Default: `1.0`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -2741,69 +2823,69 @@ def fixed_lag(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -2813,53 +2895,57 @@ def fixed_lag(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -2877,7 +2963,7 @@ def fixed_lag(
 
     References
     ----------
-    windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated
+    fixed-lag factor-graph smoothing for the windows and their prior. Each window is an iterated
     smoother [Bell 1994] in Bryson-Frazier form [Bierman 1973].
 
     Examples
@@ -2984,23 +3070,24 @@ def rts(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """A smoother for post-processing: computes the most probable track given all measurements
-    on the line.
+    """A smoother for post-processing.
 
-    Each iteration linearises the map along the track and passes forward and backward over the
-    line, until the track converges. It also returns the covariance. At the last sample, the
+    It computes the most probable track, and the covariance of this track, given all
+    measurements on the line. Each iteration linearises the map along the track and passes
+    forward and backward over the line, until the track converges. At the last sample, the
     smoother is as accurate as a filter. At earlier samples, its error is a few times smaller.
 
     The position of a sample uses all measurements. `residual` and `nis` use only earlier
     measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
     influence of outliers. With `huber`, the influence of an outlier is constant. With `cauchy`,
-    it decreases with the size of the residual; this requires a good initial track. `smoothing`
-    is `converged`, or `stopped` if the iteration ended before the track converged;
-    `smoothing_step` is then the last change of the track.
+    the influence decreases as the residual increases, which requires a good initial track.
+    `smoothing` is `converged`, or `stopped` if the track did not converge within `iterations`.
+    `smoothing_step` is the largest position change in the last iteration.
 
     A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per
-    sample (2.6 kB more with `save_state`). With additional measurements, it requires 15 kB per
-    sample, the iteration has a single start, and a robust loss applies only to the total field.
+    sample (2.6 kB more with `save_state`). With additional measurements, such as `gradient`, a
+    line requires 15 kB per sample. The smoother then tries a single initial track instead of up
+    to four, and a robust loss applies only to the total field.
 
     Parameters
     ----------
@@ -3039,16 +3126,16 @@ def rts(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -3059,43 +3146,49 @@ def rts(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -3109,23 +3202,25 @@ def rts(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -3139,24 +3234,24 @@ def rts(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -3173,9 +3268,10 @@ def rts(
         Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
     tolerance_m : float, optional
         Limit on the position change. The iteration ends when no position on the line changes by
-        more in one iteration. Unit: m. Allowed: above 0. Default: `0.1`.
+        more than this limit. Unit: m. Allowed: above 0. Default: `0.1`.
     loss : {"none", "huber", "cauchy"}, optional
-        Loss function of a residual: quadratic, Huber's, or Cauchy's. Default: `"none"`.
+        Loss function of a residual: quadratic (`none`), or robust to outliers (`huber`,
+        `cauchy`). Default: `"none"`.
     loss_scale : float, optional
         Residual above which a robust loss departs from the quadratic loss, in standard
         deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with
@@ -3188,9 +3284,9 @@ def rts(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -3204,69 +3300,69 @@ def rts(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -3276,53 +3372,57 @@ def rts(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -3449,18 +3549,18 @@ def mpf(
     flat_over_m: float | None = None,
 ) -> Track:
     """The marginalised particle filter: particles for the horizontal position, and one Kalman
-    filter, given the position, for the other 16 states.
+    filter for the other 16 states given the position.
 
-    Use it on a map with several similar places; `save_modes` returns the probability of each.
-    For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
-    position error of kilometres, `mpf_then_ekf` is faster.
+    Use it on a map with several similar places; `save_modes` returns the probability of each
+    place. For a navigation-grade INS, `ekf` is as accurate and seventy times as fast. For an
+    INS position error of kilometres, `mpf_then_ekf` is faster.
 
-    The estimate is the mean over all particles. Particles off the map keep their total weight
-    relative to the particles on it. A sample is `off_map` if particles on the map have less
-    than a tenth of the total weight. A measurement outside six standard deviations of every
-    particle is `gated`, regardless of `gate_nis`. Many such measurements in a row mean that the
-    particles have lost the aircraft. The line is rejected when most of its measurements are
-    gated in this way.
+    The estimate is the mean over all particles. A measurement does not change the share of the
+    total weight that belongs to particles off the map. A sample is `off_map` if particles on
+    the map have less than a tenth of the total weight. A measurement outside six standard
+    deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in
+    a row mean that the particles have lost the aircraft. The line is rejected when most of its
+    measurements are gated in this way.
 
     The biases of additional measurements and the map error are linear states of each particle.
     The weights depend on the values of the map, not on its slope, so `flat_over_m` is rejected;
@@ -3503,16 +3603,16 @@ def mpf(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -3523,43 +3623,49 @@ def mpf(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -3573,23 +3679,25 @@ def mpf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -3603,24 +3711,24 @@ def mpf(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -3634,42 +3742,44 @@ def mpf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     particles : int, optional
-        Number of particles: 1000 if the INS position is known to within hundreds of metres;
-        10,000 if it is off by kilometres, or if a measurement is as precise as `gradient`.
-        Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over
-        squares of side `smooth_over_m`; appends `particles`.
+        Number of particles. Use 1000 if the INS position is known to within hundreds of metres.
+        Use 10,000 if the INS position is uncertain by kilometres, or with a measurement as
+        precise as `gradient`. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by KLD-sampling
+        (Fox 2003) over squares of side `smooth_over_m`; the column `particles` is then
+        appended.
     seed : int, optional
         Seed of all random draws. The same seed gives bit-identical results on any number of
         threads. Default: `0`.
     resample_threshold : float, optional
         Effective number of particles, as a fraction of their number, below which the particles
-        are resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
-        Allowed: 0 to 1. Default: `0.5`.
+        are resampled. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more often and
+        only adds noise. Allowed: 0 to 1. Default: `0.5`.
     regularise : bool, optional
         Resamples from a kernel density. The position error of a good INS has almost no process
         noise, so without the kernel density only copies of a few particles remain. The
         covariance is then far too small. Default: `true`.
     smooth_over_m : float, optional
         Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud of particles has one kernel for each of its parts. The slope that `gradient`
-        measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
-        `200.0`.
+        wider cloud of particles is divided into parts with one kernel each. With `gradient`,
+        set a third of this distance, over which the slope of the map is nearly linear. Unit: m.
+        Allowed: above 0. Default: `200.0`.
     roughening : float, optional
-        Standard deviation of the position noise of each resampled particle, per axis. Its unit
-        is the range of the particles divided by the square root of their number. Gordon,
-        Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
+        Standard deviation, per axis, of position noise that is added to each resampled
+        particle. The unit is the range of the particles divided by the square root of their
+        number. Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
     gate_nis : float, optional
-        Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
-        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+        Largest accepted NIS of a measurement. The NIS is computed from the mean and variance of
+        the whole cloud of particles. Allowed: above 0. Unset: no gate; with `tuning = "auto"`,
+        outliers are rejected before filtering.
     save_modes : bool, optional
         Appends the three most probable modes of the position to each sample. The run time of
         the filter then increases by 50 %. Default: `false`.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -3683,69 +3793,69 @@ def mpf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -3755,53 +3865,57 @@ def mpf(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -3928,21 +4042,23 @@ def mpf_then_ekf(
     """The marginalised particle filter `mpf` until a single position remains, then the extended
     Kalman filter `ekf`.
 
-    Use it if the initial position is known only to kilometres. A Kalman filter may then diverge
-    unnoticed, and particles along the whole line take seventy times as long.
+    Use it if the initial position is known only to kilometres. In this case, `ekf` may diverge
+    unnoticed, and `mpf` takes seventy times as long because it uses particles along the whole
+    line.
 
-    The Kalman filter takes over when two conditions hold for 60 s. First, one mode must have at
-    least the weight `hand_over_weight`. Second, the map's linearisation error over the spread
-    of this mode (median over the next minute of the path) must be smaller than the white noise.
-    Its initial state and covariance are the mean and covariance of the mode. From then on
-    `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a line, all samples
-    come from `mpf`.
+    The hand-over to the Kalman filter occurs when two conditions have held for 60 s. First, the
+    weight of one mode of the particles must be at least `hand_over_weight`. Second, the map's
+    linearisation error over the spread of this mode (median over the next minute of the path)
+    must be smaller than the white noise. The mean and covariance of the mode become the initial
+    state and covariance of the Kalman filter. From then on `particles` is 0 and `n_eff` is NaN.
+    If the conditions are never met on a line, all samples come from `mpf`.
 
-    With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
-    with an assumed slow error of 30 nT locate the aircraft. The INS is corrected with this
-    position and velocity. The likelihood of the innovations along the corrected INS then gives
-    the noise and the outliers. While the particles locate the aircraft, a spike is rejected
-    only if it contradicts every particle. Remove spikes in the first minutes with `despike`.
+    With `tuning = "auto"` and a large initial position error, the noise is estimated in three
+    steps. First, particles with an assumed slow error of 30 nT locate the aircraft. Second, the
+    INS is corrected with this position and velocity. Third, the likelihood of the innovations
+    along the corrected INS track gives the noise and the outliers. In the first step, a spike
+    is rejected only if it contradicts every particle. Therefore remove spikes in the first
+    minutes of the line with `despike`.
 
     `flat_over_m` is rejected, as for `mpf`.
 
@@ -3983,16 +4099,16 @@ def mpf_then_ekf(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -4003,43 +4119,49 @@ def mpf_then_ekf(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -4053,23 +4175,25 @@ def mpf_then_ekf(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -4083,24 +4207,24 @@ def mpf_then_ekf(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -4114,28 +4238,28 @@ def mpf_then_ekf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     particles : int, optional
-        Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling
-        (Fox 2003) over squares of side `smooth_over_m`.
+        Number of particles. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by KLD-sampling (Fox
+        2003) over squares of side `smooth_over_m`.
     seed : int, optional
         Seed of all random draws. The same seed gives bit-identical results on any number of
         threads. Default: `0`.
     smooth_over_m : float, optional
         Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud of particles has one kernel for each of its parts. Unit: m. Allowed: above
-        0. Default: `200.0`.
+        wider cloud of particles is divided into parts with one kernel each. Unit: m. Allowed:
+        above 0. Default: `200.0`.
     hand_over_weight : float, optional
         Minimum weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
         `0.99`.
     gate_nis : float, optional
-        Largest accepted NIS of a measurement, for the mean and variance of the whole cloud
-        before the hand-over. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects
-        outliers before the filter.
+        Largest accepted NIS of a measurement. Before the hand-over, the NIS is computed from
+        the mean and variance of the whole cloud of particles. Allowed: above 0. Unset: no gate;
+        with `tuning = "auto"`, outliers are rejected before filtering.
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -4149,69 +4273,69 @@ def mpf_then_ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -4221,53 +4345,57 @@ def mpf_then_ekf(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------
@@ -4386,18 +4514,19 @@ def crlb(
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
 ) -> Track:
-    """The Cramér-Rao bound: the smallest error of any filter with these models on this flight.
+    """The Cramér-Rao bound: the smallest error of any filter with the same models on the same
+    flight.
 
-    It reads the true positions (`lat`, `lon`, `alt`) and evaluates the filter's covariance
-    there. Compare the bound with the error of a filter's track to see whether the error is due
+    The filter `crlb` evaluates the covariance along the true positions (`lat`, `lon`, `alt`).
+    Compare the bound with the error of another filter's track to see whether this error is due
     to the filter or to the flight.
 
-    It makes no estimate. Its positions are the true positions, so `score` gives no error for
-    them. Its `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the
-    bound over the line; a search never selects a point by it. `residual` is the measurement
-    minus the field at the true position. `nis` is the square of this residual divided by its
-    variance under the assumed noise. A mean of 1 confirms the assumed noise. `vn`, `ve` and
-    `vd` are the velocity of the INS.
+    `crlb` makes no estimate: its track consists of the true positions, so `score` gives no
+    error for it. The columns `sd_n`, `sd_e` and `drms_bound` hold the bound at each sample. The
+    metric `drms_bound` is the bound over the line; a search never selects a point by this
+    metric. `residual` is the measurement minus the field at the true position. `nis` is the
+    square of this residual divided by its variance under the assumed noise. A mean `nis` of 1
+    confirms the assumed noise. `vn`, `ve` and `vd` hold the velocity of the INS.
 
     Parameters
     ----------
@@ -4436,16 +4565,16 @@ def crlb(
         heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
         height. A key in the spec takes precedence over both. Default: `"auto"`.
     core_field : bool, optional
-        Predicts the core field as part of the measurement. `false`: the measurement is an
-        anomaly. Default: `true`.
+        Adds the core field to the predicted measurement. `false` means that the measurement is
+        an anomaly. Default: `true`.
     remove_diurnal : bool, optional
         Subtracts the column `diurnal` from the measurement, so that the filter need not
         estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
         Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
         the measurement.
     decimal_year : float, optional
-        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-        1900 to 2030. Unset: the flight's own date.
+        Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+        Allowed: 1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
         Interpolation of the map. The field above its sources is smooth, so spline interpolation
         is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -4456,43 +4585,49 @@ def crlb(
         is continued to the flight heights, otherwise it is used at its own height.
     map_error_length_m : float, optional
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
-        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-        added to the measurement noise of each sample. The map error is looked up at the
-        position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-        map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-        `error`, or on the interpolation error that the map implies.
+        `track_map`); typically the spacing of its survey lines. The correlated map error is
+        converted to equivalent white noise, which is added to the measurement noise of each
+        sample. The map error is interpolated at the position that an extended Kalman filter
+        predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+        "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+        times an estimated factor.
     offset_window_s : float, optional
-        Length of the window, from the start of a line, in which the mean of measurement minus
-        prediction is computed. This offset is subtracted from the measurements before
-        filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-        Unit: s. Allowed: 0 or above. Default: `0.0`.
+        Length of the window at the start of a line in which an offset is computed: the mean of
+        measurement minus prediction. The offset is subtracted from all measurements of the line
+        before filtering, because compensation leaves a constant undetermined. 0 subtracts
+        nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement. It includes the noise of the
-        sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-        from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-        `tuning = "auto"`, otherwise 5.0.
+        sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+        residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+        0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+        3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+        s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+        otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
-        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-        added to the square of `measurement_sigma_nt`. A sample without a value in this column
-        has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-        samples.
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+        this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+        without a value in this column has no measurement. Requires a single magnetometer. Unit:
+        nT. Unset: equal noise at all samples.
     start : {"auto", "fix", "alignment", "given"}, optional
-        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-        no longer apply after a few minutes. Default: `"auto"`.
+        Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+        propagates the `init_*` standard deviations from the alignment to the start of the line.
+        `given` applies the `init_*` standard deviations at the start of the line; the defaults
+        are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+        one of the three from the keys and columns. Default: `"auto"`.
     fix : ListLike, optional
         Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-        values within 2 s of the line's start are used. White noise with the fix's standard
-        deviations is added to columns with the role truth. This noise is reproducible for each
-        line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-        `lon` and `alt`.
+        values within 2 s of the line's start are used. If the columns have the role truth,
+        white noise with the fix's standard deviations is added. The added noise of a line is
+        the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+        them, else `lat`, `lon` and `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
         `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -4506,23 +4641,25 @@ def crlb(
         Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
         Default: `0.1`.
     vector : str, optional
-        Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-        purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-        noise in all attitudes.
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+        of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+        equal noise in all attitudes.
     sensor_axis : ListLike, optional
         Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
         Allowed: finite. Default: `[1.0,0.0,0.0]`.
     dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-        of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-        amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+        Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+        (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+        of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+        sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+        `"none"`.
     ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-        Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-        in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-        Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-        sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-        alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-        column `ins_grade` instead if present.
+        Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+        are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+        a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+        sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+        `ins_grade`, if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -4536,24 +4673,24 @@ def crlb(
         Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
         above. Default: `0.01`.
     init_heading_sigma_deg : float, optional
-        Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-        it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-        much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-        error.
+        Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+        the yaw error exceeds the other tilt errors, because the INS finds north from the
+        earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+        Unset: the initial tilt error.
     vrw_sigma : float, optional
-        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-        above. Default: `0.000238`.
+        Velocity random walk: square root of the spectral density of the accelerometer noise.
+        Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
     arw_sigma : float, optional
-        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-        or above. Default: `5.81e-7`.
+        Angular random walk: square root of the spectral density of the gyro noise. Unit:
+        rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
     baro_sigma_m : float, optional
         Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
     ha_sigma_m : float, optional
-        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-        Allowed: 0 or above. Default: `0.001`.
+        Standard deviation of the initial error of the altitude in the barometer loop, which
+        aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
     a_hat_sigma_mps2 : float, optional
-        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        Standard deviation of the initial error of the vertical acceleration in the barometer
+        loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
     acc_sigma_mps2 : float, optional
         Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
         `0.000245`.
@@ -4574,9 +4711,9 @@ def crlb(
     gnss_lost_s : ListLike, optional
         Times at which GNSS is lost and recovered, in seconds from the first sample of the line.
         Before the loss and after the recovery, the GNSS position (columns `gnss`) aids the
-        filter. With `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten
-        minutes. A recovery time after the end of the line means that GNSS is not recovered.
-        Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        filter. With `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If
+        the recovery time is after the end of the line, GNSS is never recovered. Unit: s.
+        Allowed: 0 or above. Unset: GNSS is not used.
     gnss : ListLike, optional
         Columns with the GNSS latitude (deg), longitude (deg) and height above the ellipsoid
         (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
@@ -4590,69 +4727,69 @@ def crlb(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-        simulated positions are exact, and the filter appears more accurate than with real GNSS.
-        Unset: true if `gnss` names columns whose role is `truth`.
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+        noise, true positions are exact, and the filter appears more accurate than with real
+        GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
-        Tests each GNSS position against the INS position, by a chi-square test of this position
-        and by a cumulative sum over earlier positions. Rejected positions are not used. A jump
-        is detected at once. A drift of 1 m/s is detected after about 10 s; all positions since
-        the start of the drift are then rejected. Positions are accepted again after ten
-        consecutive positions agree with the INS. `gnss_update` is appended even if this key is
-        false. Default: `true`.
+        Tests each GNSS position against the INS position and does not use rejected positions. A
+        chi-square test of each position detects a jump at once. A cumulative sum over earlier
+        positions detects a drift of 1 m/s after about 10 s. The test then also rejects the
+        positions since the start of the drift. Positions are accepted again after ten
+        consecutive positions agree with the INS. The column `gnss_update` (`used`, `rejected`
+        or `none`) is appended even if this key is false. Default: `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. The difference between their readings, first minus
-        second, measures the slope of the map along the line between them. The temporal
-        variation and all other common errors cancel in this difference. Cannot be combined with
-        `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
-        Unset: the difference is not used.
+        second, measures the slope of the map along the baseline between them. The temporal
+        variation and all other common errors cancel in this difference. This key cannot be
+        combined with `map_interpolation = "linear"`, because the slope of a bilinear map has
+        steps. Unit: nT. Unset: the difference is not used.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, in the body frame (nose,
-        right, down). The attitude of the INS rotates this vector to the navigation frame. The
-        estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+        right, down). The INS attitude rotates this vector to the navigation frame. The
+        measurement model includes the estimated error of the INS attitude. Unit: m. Allowed:
         finite. Unset: required with `gradient`.
     gradient_sigma_nt : float, optional
-        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
-        Default: `0.1`.
+        Standard deviation of the white noise in the difference between the two magnetometers'
+        readings. Unit: nT. Allowed: above 0. Default: `0.1`.
     gradient_bias_sigma_nt : float, optional
-        Standard deviation of the slowly varying error of the difference. It can result from the
-        undetermined constants of the two calibrations. Unit: nT. Allowed: 0 or above. Default:
-        `1.0`.
+        Standard deviation of the slowly varying error in the difference between the two
+        magnetometers' readings. Such an error is likely, because each calibration leaves a
+        constant undetermined. Unit: nT. Allowed: 0 or above. Default: `1.0`.
     gradient_bias_tau_s : float, optional
-        Time constant of the slowly varying error of the difference. Unit: s. Allowed: above 0.
-        Default: `3600.0`.
+        Time constant of the slowly varying error in the difference between the two
+        magnetometers' readings. Unit: s. Allowed: above 0. Default: `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along the line between the
-        magnetometers. Multiplied by the baseline, this error gives an error of the difference.
-        Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-        maximum-likelihood value from the innovations of the difference. A large value can
-        reveal a map made from widely spaced lines. For a map without a vertical slope (one
-        height, no `map_levels_m`), the error of the difference is increased by the product of
-        the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-        `auto`.
+        Standard deviation of the error in the map's slope along the baseline. The error of the
+        predicted difference is this error times the length of the baseline. The error is
+        correlated along the track, over the same length as the map's anomalies. `"auto"` uses
+        the maximum-likelihood value from the innovations of the difference. A large value can
+        reveal a map made from widely spaced lines. A map at one height without `map_levels_m`
+        has no vertical slope. The prediction then has an additional error: the height
+        difference between the magnetometers times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
-        Uses the scalar measurement `mag` in the measurement update. With `false`, the update
-        uses only the difference and the vector measurement, for example in a magnetic storm.
-        Default: `true`.
+        Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for
+        example in a magnetic storm, and requires the difference (`gradient`) or the vector
+        (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the reading
-        of the vector magnetometer becomes a measurement of the total field and of the attitude,
-        except for the rotation about the field direction. Requires `core_field` and a vector
-        magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
-        not used.
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        magnetometer measures the total field and the attitude, except for rotation about the
+        field direction. This key requires `core_field = true` and a calibrated vector
+        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
         Default: `50.0`.
     vector_bias_tau_s : float, optional
-        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        Time constant of the bias of each component of `vector`. Unit: s. Allowed: above 0.
+        Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
-        Standard deviation of the part of each component of the crustal field that a map of the
-        scalar anomaly does not determine. A typical value is the standard deviation of the
-        anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        Standard deviation, per component, of the crustal field that a map of the scalar anomaly
+        leaves undetermined. A typical value is the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of the part of the crustal field that `vector_crustal_sigma_nt`
-        describes; typically the height above the sources. Unit: m. Allowed: above 0. Default:
+        Correlation length of the crustal field that `vector_crustal_sigma_nt` describes. A
+        typical value is the height above the sources. Unit: m. Allowed: above 0. Default:
         `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro`, from a barometer that
@@ -4662,53 +4799,57 @@ def crlb(
         Standard deviation of the white noise of the measured height. Unit: m. Allowed: above 0.
         Default: `3.0`.
     height_bias_sigma_m : float, optional
-        Standard deviation of the slowly varying height error due to the weather and the geoid.
-        Unit: m. Allowed: 0 or above. Default: `30.0`.
+        Standard deviation of the slowly varying error of the measured height, caused by the
+        weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
     height_bias_tau_s : float, optional
-        Time constant of the slowly varying height error. Unit: s. Allowed: above 0. Default:
-        `3600.0`.
+        Time constant of the slowly varying error of the measured height. Unit: s. Allowed:
+        above 0. Default: `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error. If set, the error is a state of the filter,
-        correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not
-        estimated.
+        Standard deviation of the map error. If set, the filter estimates the map error as a
+        state that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map
+        error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
     mag_latency_sigma_s : float, optional
-        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
-        is a state of the filter and constant along the line. A sample stamped `t` was measured
-        at `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency`
-        and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or
-        above. Unset: time stamps are assumed to be exact; `tuning = "auto"` sets 1.0 if a lag
-        clearly increases the likelihood.
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the
+        filter estimates the lag as a state that is constant along the line. A sample with time
+        stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
+        state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
+        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
+        increases the likelihood.
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
-        assumed height on the map. Causes are a constant error of the barometer, a missing geoid
-        height, and a wrong map height. If set, the bias is a state of the filter and constant
-        along the line. It changes only the prediction of the total field, not `alt`. Requires a
-        map that is continued to a range of heights that contains the bias. Set `map_levels_m`,
-        or `tuning = "auto"`, which continues the map to twice this value below and above the
-        line. 0 omits this state. Appends `map_height_bias` and `map_height_bias_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is
-        assumed to be exact; `tuning = "auto"` sets 50 if the bias is within the levels of the
-        map and clearly increases the likelihood.
+        assumed height on the map. Possible causes are a constant error of the barometer, a
+        missing geoid height, and a wrong map height. If set, the filter estimates the bias as a
+        state that is constant along the line. The bias changes only the predicted total field,
+        not `alt`. The heights to which the map is continued must include the true height of the
+        aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
+        below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
+        `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
+        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
+        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
-        per component (nose, right, down). The three components are additional states. Their
-        effect on the total field follows from the attitude and the core field. A constant
-        offset with a standard deviation of 100 nT is a fourth state. Requires `core_field`. 0
-        omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above.
-        Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states clearly
-        increase the likelihood.
+        per component (nose, right, down). The filter estimates the three components as
+        additional states. The attitude and the core field determine the effect of these
+        components on the total field. A fourth state is a constant offset with a standard
+        deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
+        "auto"` estimates the value by maximum likelihood if these states clearly increase the
+        likelihood.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        maximum likelihood with `tuning = "auto"`, otherwise the change is constant along the
-        line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
+        along the line.
     flat_over_m : float, optional
-        Upper limit on the ratio of the measurement's standard deviation to the map's horizontal
-        slope. Above this limit the map is too flat to observe the position. The sample is then
-        `flat`: it corrects only the temporal variation and the map error. Appends `map_slope`.
-        Unit: m. Allowed: above 0. Unset: all samples correct the position.
+        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
+        which a sample corrects the position. At a larger ratio, the map is too flat to observe
+        the position. The sample is then `flat`: it corrects only the temporal variation and the
+        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
+        samples correct the position.
 
     Returns
     -------

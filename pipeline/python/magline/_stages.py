@@ -72,12 +72,12 @@ class StageMethods:
             such as `MAG` or `sensor_mag:1`. The value `.` selects the vectors at the root of a
             MATLAB file. Unset: the only topic of the file.
         rename : Mapping[str, Any], optional
-            For tables of flights: Canonical name of each column, by its name in the file. If the
-            name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), the column
-            takes this unit. A unit that cannot be converted is rejected. Default: `{}`.
+            For tables of flights: Name of each column in magline, keyed by its name in the file. If
+            the name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), the
+            column takes this unit. A unit that cannot be converted is rejected. Default: `{}`.
         units : Mapping[str, Any], optional
-            For tables of flights: Unit of each column, by its name in the file. It overrides units
-            in names and metadata. Default: `{}`.
+            For tables of flights: Unit of each column, keyed by its name in the file. It overrides
+            units in names and metadata. Default: `{}`.
         missing : ListLike, optional
             For tables of flights: Strings and numbers that mark a missing value, in addition to
             `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
@@ -94,12 +94,14 @@ class StageMethods:
         epsg : int, optional
             For tables of flights: EPSG code of the eastings and northings of survey points (`format
             = "points"`). Unset: read from the file.
-            For maps: EPSG code of the coordinates. It overrides the file, and is required for
-            eastings and northings in a file without a code. Unset: read from the file.
+            For maps: EPSG code of the coordinates. It overrides the code in the file. It is
+            required for eastings and northings in a file without a code. Unset: read from the file.
         accept : Sequence[{"range"}], optional
-            For tables of flights: Plausibility checks that are disabled for this file. Default:
-            `[]`.
-            For maps: Plausibility checks that are disabled for this map. Default: `[]`.
+            For tables of flights: Plausibility checks that are disabled for this file. `range`
+            rejects values outside the limits of their column, and columns that contradict each
+            other. Default: `[]`.
+            For maps: Plausibility checks that are disabled for this map. `range` rejects values
+            outside the limits of their column. Default: `[]`.
         mapping : str, optional
             For tables of flights: Mapping of the columns: a TOML file, or the name of a built-in
             mapping such as `px4_ulog`. `auto` selects the built-in mapping that reads the largest
@@ -118,11 +120,11 @@ class StageMethods:
             figures of eight and circles. `magline ingest --lines auto --picture lines.svg` plots
             these lines and writes the table. Unset: the lines of the files.
         alt_m : float, optional
-            For maps: Height of the map above the WGS-84 ellipsoid. It overrides the file. Unit: m.
-            Unset: read from the file.
+            For maps: Height of the map above the WGS-84 ellipsoid. It overrides the height in the
+            file. Unit: m. Unset: read from the file.
         unit : str, optional
-            For maps: Unit of the anomaly. It overrides the file. Unset: read from the file, else
-            nT.
+            For maps: Unit of the anomaly. It overrides the unit in the file. Unset: read from the
+            file, else nT.
         field_component : {"north", "east", "down"}, optional
             For maps: Component to read from a map with three components, such as MagNav.jl's
             `EMM720_World.h5`. Its values are not a total-field anomaly. Unset: the map holds the
@@ -136,7 +138,7 @@ class StageMethods:
             True for the whole table, or the names of columns. `magline publish` rejects results
             made from them row by row. Default: False.
         embargo : str, optional
-            First day of permitted publication, `YYYY-MM-DD`. Unset: no end of the restriction.
+            First day of permitted publication, `YYYY-MM-DD`. Unset: the restriction does not end.
         reason : str, optional
             Reason of the restriction, for messages. Unset: no reason.
         least_samples : int, optional
@@ -242,15 +244,16 @@ class StageMethods:
         1/`rate_hz`.
 
         Numbers are interpolated; angles (unit deg) are interpolated along the shorter arc. Text,
-        booleans and columns of integer type take the value of the nearest sample. Other whole
-        numbers without a unit stay whole: codes and flags, which have few distinct values, take the
-        value of the nearest sample, and counts are interpolated and rounded. A column with a unit,
-        or with the role sensor or truth, is a measured quantity. It is interpolated even if its
-        values are whole. State the unit of a measured column in `units` of its table.
+        booleans and columns of integer type take the value of the nearest sample. Other columns of
+        whole numbers without a unit stay whole. A column with few distinct values holds codes or
+        flags, and takes the value of the nearest sample. A column with many distinct values holds
+        counts, which are interpolated and rounded. A column with a unit, or with the role sensor or
+        truth, is a measured quantity. It is interpolated even if its values are whole. To have a
+        column treated as measured, set its unit in `units` of its table.
 
-        The grid begins at the first multiple at or after the first sample, and ends at the last
-        multiple at or before the last sample. All sensors and lines of a flight therefore share
-        their times.
+        The new times begin at the first multiple at or after the first sample. They end at the last
+        multiple at or before the last sample. Sensors that are resampled separately therefore have
+        the same times.
 
         Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column
         except `flight`, `line` and `tt`. A missing value counts as a gap in its column. If a line
@@ -259,19 +262,19 @@ class StageMethods:
 
         `input` can list several tables of sensors with different sample rates, as in `input =
         ["mag", "imu", "gps"]`. A line combines the rows of the same flight and line in all tables.
-        Their columns are resampled to one grid. The grid covers the time common to all tables, or
-        the time of the first table (`span`). If several tables have a date, their times are
-        converted to a common midnight. A column name that occurs in two tables is rejected, except
-        `year` and `doy`, which are read from the first table that has them. A line whose tables
-        have no common time is rejected.
+        The columns of all tables are resampled to the same times. `span` selects whether these
+        times cover the time common to all tables, or the time of the first table. If several tables
+        have a date, their times are converted to seconds past the same midnight. A column name that
+        occurs in two tables is rejected, except `year` and `doy`, which are read from the first
+        table that has them. A line whose tables have no common time is rejected.
 
         `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading
         stamped t was measured at t - 0.06 s. The resampled value at t is therefore the reading
         stamped t + 0.06 s. The `lag` stage estimates lags with this sign.
 
-        List entries that are differences per sample, such as some terms of `tl`, are converted to
-        the new rate. A list with values of earlier samples is rejected: compute it after
-        resampling. A lag cannot be removed twice.
+        Some entries of list columns are differences per sample, such as the eddy terms of `tl`.
+        They are converted to the new rate. A list with values of earlier samples is rejected:
+        compute it after resampling. The stage also rejects a second removal of the lag of a column.
 
         The stage does not filter: at a lower rate, frequencies above half the new rate are aliased.
         Apply `lowpass` or `bandpass` first.
@@ -281,18 +284,19 @@ class StageMethods:
         input : TableLike | Sequence[TableLike]
             Input: one or several tables of flight lines.
         rate_hz : float
-            Sample rate of the new grid. Unit: Hz. Allowed: above 0.
+            New sample rate. Unit: Hz. Allowed: above 0.
         method : {"linear", "nearest", "cubic"}, optional
             Interpolation between samples; `cubic` is Akima's. Default: `"linear"`.
         max_gap_s : ListLike, optional
             Longest gap over which values are interpolated: one value for all inputs, or one value
             per input. Unit: s. Allowed: above 0. Default: `[1.0]`.
         span : {"all", "first"}, optional
-            Time span of the grid, for several inputs. Default: `"all"`.
+            For several inputs: time that the line covers after resampling. `all` is the time common
+            to all inputs, `first` the time of the first input. Default: `"all"`.
         lag_s : Mapping[str, Any], optional
             Lag of each column, by column name. The name of a vector magnetometer, such as `flux_a`,
-            sets the lag of its `x`, `y`, `z` and `t`. This lag overrides the lag of the column's
-            input. Unit: s. Allowed: finite. Default: `{}`.
+            sets the lag of its `x`, `y`, `z` and `t`. `lag_s` overrides `input_lag_s`. Unit: s.
+            Allowed: finite. Default: `{}`.
         input_lag_s : ListLike, optional
             Lag of each input's sensors, one value per input. Unit: s. Allowed: finite. Unset: 0 for
             all.
@@ -300,8 +304,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -357,8 +362,9 @@ class StageMethods:
             Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the
             INS position. Default: `"truth"`.
         attitude : {"truth", "ins", "none"}, optional
-            Attitude that rotates the field into the body frame. Unset: the attitude of the INS if
-            present, otherwise the true attitude if present.
+            Attitude that rotates the field into the body frame. With `none`, the body components
+            are omitted. Unset: the attitude of the INS if present, otherwise the true attitude if
+            present.
         decimal_year : float, optional
             Date of all samples, instead of the flight's date. Unit: a. Allowed: 1900 to 2030.
             Unset: the flight's own date.
@@ -366,8 +372,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -417,22 +424,22 @@ class StageMethods:
 
         The simulated INS data are added to the flight, or replace its INS data. The stage appends
         `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
-        `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which `navigate` reads
-        like measured columns.
+        `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`. `navigate` reads these
+        columns like measured columns.
 
-        The true position is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the
-        attitude (`roll`, `pitch`, `yaw`) are used if all three columns of each exist. Missing
-        velocities are derived from the positions, and specific forces from the velocities. If the
-        attitude is missing, the aircraft is assumed to be level, with the yaw along the course.
-        Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
-        derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart
-        from the effect of smoothing, the INS data then contain only INS errors and no receiver
-        jitter.
+        The true position is `lat`, `lon` and `alt`. The velocity is used if `vn`, `ve` and `vd`
+        exist, and the attitude if `roll`, `pitch` and `yaw` exist. Missing velocities are derived
+        from the positions, and specific forces from the velocities. If the attitude is missing, the
+        aircraft is assumed to be level, with the yaw along the course. Derivatives amplify the
+        noise of a GNSS receiver, and the specific force is a second derivative. Positions and
+        velocities are therefore first smoothed over `smooth_s`. Apart from the effect of smoothing,
+        the INS data then contain only INS errors and no receiver noise.
 
-        Each line begins with a new alignment. Its errors are random, with the standard deviations
-        of the `init_*` keys. They depend only on `seed` and the names of flight and line. Lines
-        with the same seed and names have the same INS errors on every machine. Samples need not be
-        evenly spaced. One seed gives one realisation; sweep `seed` for the statistics of a grade.
+        Each line begins with a new alignment with random errors, whose standard deviations are the
+        `init_*` keys. All simulated errors depend only on `seed` and the names of flight and line.
+        Lines with the same seed and names have the same INS errors on every machine. Samples need
+        not be evenly spaced. One seed gives one realisation; sweep `seed` for the statistics of a
+        grade.
 
         The stage rejects a NaN in position, velocity or attitude, times that do not increase, a
         line of one sample, and an INS error above 1,000 km. Existing INS data are rejected unless
@@ -455,12 +462,12 @@ class StageMethods:
         replace : bool, optional
             Replaces existing INS data of the flight. Default: `false`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-            column `ins_grade` instead if present.
+            Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+            are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+            a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+            `ins_grade`, if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -474,24 +481,24 @@ class StageMethods:
             Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-            error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+            the yaw error exceeds the other tilt errors, because the INS finds north from the
+            earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+            Unset: the initial tilt error.
         vrw_sigma : float, optional
-            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-            above. Default: `0.000238`.
+            Velocity random walk: square root of the spectral density of the accelerometer noise.
+            Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
         arw_sigma : float, optional
-            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-            or above. Default: `5.81e-7`.
+            Angular random walk: square root of the spectral density of the gyro noise. Unit:
+            rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
         baro_sigma_m : float, optional
             Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
         ha_sigma_m : float, optional
-            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-            Allowed: 0 or above. Default: `0.001`.
+            Standard deviation of the initial error of the altitude in the barometer loop, which
+            aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
         a_hat_sigma_mps2 : float, optional
-            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+            Standard deviation of the initial error of the vertical acceleration in the barometer
+            loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
         acc_sigma_mps2 : float, optional
             Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
             `0.000245`.
@@ -508,8 +515,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -546,10 +554,11 @@ class StageMethods:
         uses odd reflection at the ends and steady-state initial conditions. Each of the two passes
         halves the power at a corner frequency.
 
-        A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps
-        stay NaN and do not spread. A run that is not longer than the filter's padding becomes NaN.
-        The padding is 6 samples per second-order section: 24 samples for the default order. A line
-        is rejected if all its runs are too short. Samples must be evenly spaced.
+        A run is a stretch of samples without a missing value (NaN) or a gap in time. The filter
+        restarts at each run. Missing values stay NaN and do not spread. A run that is not longer
+        than the filter's padding becomes NaN. The padding is 6 samples per second-order section: 24
+        samples for the default order. A line is rejected if all its runs are too short. Samples
+        must be evenly spaced.
 
         Parameters
         ----------
@@ -570,8 +579,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -631,8 +641,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -666,12 +677,12 @@ class StageMethods:
         """Removes a sinusoid and its harmonics, such as power-line interference, without lag, and
         appends `<column>_nt`.
 
-        Each harmonic is removed at its alias frequency: 10 Hz, for example, for a harmonic of 150
-        Hz sampled at 160 Hz. If the data were resampled without a filter, set `sampled_hz` to the
-        sensor's own rate. The alias at this rate is then folded to the rate of the line. Any signal
-        within the notch width is also removed. A harmonic is rejected if its alias is less than
-        half a notch width from 0 Hz or from the Nyquist frequency. Remove such a harmonic before
-        resampling to a lower rate.
+        A harmonic above the Nyquist frequency is removed at its alias: at 10 Hz, for example, for
+        150 Hz sampled at 160 Hz. If the data were resampled without a filter, set `sampled_hz` to
+        the sensor's own rate. The harmonic is then aliased twice: at the sensor's rate, and again
+        at the rate of the line. Any signal within the notch width is also removed. The stage fails
+        if an alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove
+        such a harmonic before resampling to a lower rate.
 
         A second-order notch at each frequency runs forwards and backwards. It settles in about
         1/`width_hz` seconds, so part of the sinusoid remains for this time at each end of a run.
@@ -700,8 +711,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -733,10 +745,11 @@ class StageMethods:
     ) -> TableHandle:
         """Appends the rate of change per second of each column as `<column>_dot`.
 
-        `central` is the central difference divided by the time between samples, one-sided at the
-        ends of a run. `savitzky_golay` is the slope of the least-squares polynomial over a window.
-        It amplifies noise less than `central`. White noise with a standard deviation of 1 becomes
-        0.32 per sample with the default window and degree, compared with 0.71.
+        `central` is the central difference divided by the time between samples. At the ends of a
+        run, the difference is one-sided. `savitzky_golay` is the slope of the least-squares
+        polynomial over a window. It amplifies noise less than `central`. For white noise with a
+        standard deviation of 1, the standard deviation of the slope is 0.32 per sample with the
+        default window and degree. With `central` it is 0.71.
 
         Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in
         time ends a run. A run that is too short for the method gives NaN. Samples must be evenly
@@ -758,8 +771,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -795,17 +809,19 @@ class StageMethods:
 
         `hampel` removes a sample that differs from the median of `window` samples by more than
         `threshold` standard deviations of the noise. It detects several adjacent spikes, up to half
-        of the window. It does not require evenly spaced samples, so use it before `resample`, which
-        would spread a spike.
+        of the window. It does not require evenly spaced samples. Use it before `resample`, which
+        would spread a spike to neighbouring samples.
 
         `fourth_difference` removes a sample whose fourth difference, divided by the square root of
-        70, exceeds `threshold` standard deviations of the noise. It detects small spikes on steep
-        signals, but not two adjacent ones. It requires evenly spaced samples.
+        70, exceeds `threshold` standard deviations of the noise. The divisor is the factor by which
+        a fourth difference amplifies white noise. The method detects small spikes on steep signals,
+        but not two adjacent spikes. It requires evenly spaced samples.
 
-        The noise is 1.4826 times the median absolute deviation, but at least one quantisation step.
-        If more than half of the samples in a run hold repeated or interpolated values, the noise is
-        estimated from the remaining samples. Steps and corners are then not flagged as spikes.
-        Spikes in an otherwise constant run are kept.
+        The standard deviation of the noise is estimated as 1.4826 times the median absolute
+        deviation, but at least one quantisation step. If more than half of the samples in a run
+        hold repeated or interpolated values, the noise is estimated from the remaining samples.
+        Steps and corners are then not flagged as spikes. Spikes in an otherwise constant run are
+        kept.
 
         A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end
         of a run it always becomes NaN. A missing value or a gap in time ends a run. A column in
@@ -830,8 +846,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -866,11 +883,11 @@ class StageMethods:
 
         Expressions may use the DataFusion functions that depend only on the row. Clocks, random
         numbers and other rows are not available. A missing value (NaN) is NULL in an expression.
-        Arithmetic with a missing value gives a missing value, and a comparison with one is unknown.
-        `coalesce` and `is null` detect missing values. An infinite result, such as 1/0, becomes a
-        missing value. A line fails if SQL rejects a value, such as the square root of a negative
-        number. Division gives a real number, even for two integers. `greatest` and `least` return a
-        missing value if any argument is missing.
+        Arithmetic with a missing value gives a missing value, and a comparison with a missing value
+        is unknown. `coalesce` and `is null` detect missing values. An infinite result, such as 1/0,
+        becomes a missing value. A line fails if SQL rejects a value, such as the square root of a
+        negative number. Division gives a real number, even for two integers. `greatest` and `least`
+        return a missing value if any argument is missing.
 
         The unit is inferred for sums, differences, clips, choices and multiples of columns of one
         unit, and for ratios of equal units. Otherwise set it in `units`. Sums and comparisons of
@@ -889,15 +906,16 @@ class StageMethods:
         columns : Mapping[str, Any]
             SQL expression of each new column, by column name.
         units : Mapping[str, Any], optional
-            Unit of each new column, by column name. Required where the unit cannot be inferred, and
-            where a multiplication converts it, as `alt * 3.28084` converts metres to feet. Default:
+            Unit of each new column, by column name. Required if the unit cannot be inferred, or if
+            a multiplication converts the unit, as in `alt * 3.28084` for metres to feet. Default:
             `{}`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -947,8 +965,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -986,7 +1005,7 @@ class StageMethods:
         `tolerance_s` apart. It interpolates angles (unit deg) along the shorter arc. Text, integers
         and booleans take the nearest value, and whole numbers without a unit stay whole, as in
         `resample`. Without a matching row the value is missing (NaN or null). If both tables have a
-        date, their times are converted to a common midnight.
+        date, their times are converted to seconds past the same midnight.
 
         A line that is absent from `with` is omitted without a message, here and in later stages. A
         column that is also in `input` is rejected, unless `suffix` renames it. Repeated or
@@ -1011,8 +1030,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1050,10 +1070,10 @@ class StageMethods:
         A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both
         columns must measure the same quantity. Examples are two magnetometers in a manoeuvre, the
         magnitude of a vector magnetometer and a scalar magnetometer, or the turn rate and the
-        derivative of a heading. Slow signals have a flat correlation peak, so remove them with
-        `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced.
-        Resample sensors with different rates to one grid with `resample`, at their highest rate or
-        above.
+        derivative of a heading. Slow variations flatten the correlation peak, so remove them with
+        `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. If the
+        sensors have different rates, first resample them to the same times, at their highest rate
+        or above.
 
         `sd_s` is the standard error of the lag if the difference between the two signals is white
         noise. For correlated noise, `sd_s` is too small. `correlation` is the correlation
@@ -1072,7 +1092,8 @@ class StageMethods:
         reference : str
             Column relative to which the lags are measured.
         most_s : float, optional
-            Largest lag, in either direction. Unit: s. Allowed: above 0. Default: `2.0`.
+            Largest lag of the search, in either direction. Unit: s. Allowed: above 0. Default:
+            `2.0`.
         either_sign : bool, optional
             Also accepts a negative correlation, for columns with opposite signs. Default: `false`.
         low_hz : float, optional
@@ -1088,8 +1109,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1129,18 +1151,18 @@ class StageMethods:
 
         An existing column of that name is replaced.
 
-        A record is a table of flight lines. In this table, each station is stored as a flight and
-        each day as a line. It has the columns `year`, `doy` and `tt`, and the column that `element`
-        names. IAGA-2002 and IMF files are read in this form; their total field is the column
-        `field_f`. If a record has no scalar magnetometer, compute the magnitude of `field_n`,
-        `field_e` and `field_d` with `derive`. Every line can use all days of a record, so a line
-        may cross midnight.
+        A record is a table of flight lines, with each station stored as a flight and each day as a
+        line. The table has the columns `year`, `doy` and `tt`, and the column that `element` names.
+        IAGA-2002 and IMF files are read in this form; their total field is the column `field_f`. If
+        a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and
+        `field_d` with `derive`. Every line can use all days of a record, so a line may cross
+        midnight.
 
         Values are interpolated between samples of the record. They are NaN outside the record and
-        in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
-        without a date. Several stations, in one or more tables, are averaged at each sample with
-        weights 1/distance^`power`. The result is NaN for a sample at which any station has no
-        value.
+        in gaps longer than `max_gap_s`. A line is rejected if it has no date, or if the record
+        covers none of its samples. Several stations, in one or more tables, are averaged at each
+        sample with weights 1/distance^`power`. The result is NaN for a sample at which any station
+        has no value.
 
         The level of each record is subtracted, so that a station contributes only its variation.
         `level` selects the mean of the whole record, or its mean over the duration of the line.
@@ -1177,8 +1199,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1216,7 +1239,7 @@ class StageMethods:
 
         In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so
         the yaw manoeuvres of a calibration are not turns. A part shorter than `least_s` between two
-        turns belongs to the turns. Manoeuvres are detected within straight parts. In a manoeuvre,
+        turns is counted as a turn. Manoeuvres are detected within straight parts. In a manoeuvre,
         the root mean square of the band-passed columns of `attitude` (angles, or components of a
         vector magnetometer) over `window_s` exceeds `manoeuvre`. Examples are the pitch, roll and
         yaw manoeuvres of a calibration box. Boundaries are accurate to within one window length.
@@ -1256,8 +1279,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1296,13 +1320,14 @@ class StageMethods:
             Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and
             `flux_a_z`.
         allow_truth : bool, optional
-            Allows truth columns. Default: `false`.
+            Allows truth columns as inputs. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1336,14 +1361,15 @@ class StageMethods:
         """Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list
         column `tl`.
 
-        B is the reading of the vector magnetometer, Bt is its magnitude or `scalar`, dB is the
-        central difference of B per sample, and s is `bt_scale_nt`. The terms are permanent
-        (B_i/Bt), induced (B_i B_j/(Bt s)), eddy (B_i dB_j/(Bt s)), derivative (dB_i) and bias (1).
+        B is the reading of the vector magnetometer, and dB its central difference per sample. Bt is
+        the magnitude of B, or the reading of `scalar` if set. s is `bt_scale_nt`. The terms are
+        permanent (B_i/Bt), induced (B_i B_j/(Bt s)), eddy (B_i dB_j/(Bt s)), derivative (dB_i) and
+        bias (1).
 
         The column's metadata list the terms (`terms`) and the terms that are differences
-        (`per_sample`). `rate_hz` holds the sample rate if `resample` set it. `fit` writes this rate
-        to its table, and stages that apply a model convert its coefficients to the rate of their
-        input.
+        (`per_sample`). They also hold the sample rate (`rate_hz`) if a `resample` stage set it.
+        `fit` writes this rate to its table, and stages that apply a model convert its coefficients
+        to the rate of their input.
 
         Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A
         sample without a vector reading gives a row of NaN. Terms that are differences require
@@ -1357,8 +1383,9 @@ class StageMethods:
             Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and
             `flux_a_z`.
         terms : ListLike, optional
-            Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`,
-            `eddy3`), `derivative`, `bias`. Default: `["permanent","induced","eddy"]`.
+            Groups of terms: `permanent`, `induced`, `eddy`, `derivative`, `bias`. `induced5` and
+            `eddy8` omit zz and zz_dot; `induced3` and `eddy3` contain only the diagonal terms.
+            Default: `["permanent","induced","eddy"]`.
         scalar : str, optional
             Scalar magnetometer whose reading replaces Bt. This gives the modified Tolles-Lawson
             model. Unset: the magnitude of `vector`.
@@ -1366,13 +1393,14 @@ class StageMethods:
             Scale s of the induced and eddy terms. A value near the total field gives all terms
             similar magnitudes. Unit: nT. Allowed: above 0. Default: `50000.0`.
         allow_truth : bool, optional
-            Allows truth columns. Default: `false`.
+            Allows truth columns as inputs. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1408,8 +1436,9 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Appends the list column `features`, computed from columns as defined in the theses under
-        'Source'.
+        """Appends the list column `features`.
+
+        Its entries are computed from other columns, as defined in the theses under 'Source'.
 
         | feature | definition |
         |---|---|
@@ -1421,18 +1450,19 @@ class StageMethods:
         | `dcm`, `dcm_1` to `dcm_9` | direction cosines of the rotation from north-east-down to body, column by column |
         | `crcy`, ... `srsp` | products of the cosines (c) and sines (s) of roll (r), pitch (p) and yaw (y) |
         | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
-        | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
+        | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, as set by `groups` |
         | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
         | `slope`, `slope_quadratic` | easting and northing (km); `slope_quadratic` adds their squares and product |
 
-        Three names denote sets of features: `down_selected` (Gnadt 2022, Table C.1), `small_1` and
-        `small_2` (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the
-        vector magnetometer `vector`.
+        The core-field model uses the computed core field instead of the measured field in its
+        induced and eddy terms (van der Meer 2025). Three names denote sets of features:
+        `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section 4.9).
+        The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
 
-        Differences and lags are per sample. The column's metadata entry `per_sample` lists them,
-        and `rate_hz` holds the sample rate if `resample` set it. A stage that applies a model at
-        another rate converts the differences and rejects the lags. A column of the table, such as
-        one made by `derivative`, is used unchanged at any rate.
+        Differences and lags are per sample. The column's metadata list them (`per_sample`), and
+        hold the sample rate (`rate_hz`) if a `resample` stage set it. A stage that applies a model
+        at another rate converts the differences and rejects the lags. A column of the table, such
+        as one made by `derivative`, is used unchanged at any rate.
 
         Differences, lags and filters stay within a run of samples without gaps. A feature is NaN
         where it cannot be computed, and `fit` omits that row. Truth columns and features with
@@ -1470,8 +1500,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1513,9 +1544,10 @@ class StageMethods:
         | `d` | magnetometer minus truth | the aircraft field |
         | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
 
-        Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for
-        type `e`. To apply a model of the anomaly, set `predicts = "anomaly"` of `compensate`. Types
-        `b` and `c` require `map_anomaly`, which `map_value` computes.
+        Set `target` of `fit` to this column. For all types except `e`, also switch the filter of
+        `fit` off with `low_hz = 0` and `high_hz = 0`. To apply a model of the anomaly, set
+        `predicts = "anomaly"` in `compensate`. Types `b` and `c` require `map_anomaly`, which
+        `map_value` computes.
 
         The column has the role truth: it may be a target but not a feature. The result is NaN for a
         sample with a missing term. The metadata entry `removed` lists the corrections, so that no
@@ -1542,8 +1574,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -1641,9 +1674,9 @@ class StageMethods:
         """Fits a compensation model to all lines that `where` selects, as one data set.
 
         The same zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0`
-        switch it off). `trim` samples are removed at each end of every run. The model is fitted to
-        the remaining samples. Each model below has its own keys; a key of another model is
-        rejected.
+        switch it off). `trim` samples are removed at each end of every run of consecutive samples.
+        The model is fitted to the remaining samples. Each model below has its own keys; a key of
+        another model is rejected.
 
         `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The `features` stage
         computes all other features. The two-step model of van der Meer 2025 consists of two fits
@@ -1651,29 +1684,29 @@ class StageMethods:
 
         `choose` selects `lambda` or the number of components. It uses generalised cross-validation,
         the corner of the L-curve, or cross-validation that omits one line or one flight at a time.
-        If a whole line is omitted, its samples are not predicted from their neighbours. If a whole
-        flight is omitted, its samples are not predicted from effects that last for a whole flight,
-        such as a magnetisation or a temperature. The score of an omitted line is the variance (with
-        divisor n) of the prediction error. The mean of the prediction error is ignored, because a
-        filter removes constants and compensation does not determine them. All lines have equal
-        weight. The selected value is in the column `chosen`.
+        If a whole line is omitted, the model was not fitted to neighbours of the predicted samples.
+        If a whole flight is omitted, the model also cannot benefit from effects that last for a
+        flight, such as a magnetisation or a temperature. The score of an omitted line is the
+        variance (with divisor n) of the prediction error. The mean of the prediction error is
+        ignored, because compensation does not determine constants. All lines have equal weight. The
+        selected value is in the column `chosen`.
 
         All points of a sweep are solved together. Each line is reduced once to a triangular factor,
-        which is used for all lambdas, numbers of components and omitted lines. Normal equations are
-        not used, because they square the condition number. Coefficients are in the units of the
-        columns, independent of the scaling. The intercept is the term `intercept`.
+        which is used for all values of `lambda`, numbers of components and omitted lines. Normal
+        equations are not used, because they square the condition number. Coefficients apply to the
+        unscaled columns, even if `scaling` is set. The fitted constant is the term `intercept`.
 
         `std` is the standard deviation of a coefficient. It is computed from the spectra of the
-        residual and of the terms in frequency bands, because the filter and coloured noise
-        correlate the samples. It includes the effect of a residual that drifts from the first to
-        the last sample. The intercept's `std` excludes the effect of such a drift on the mean.
-        `std` is null for models other than ridge models. It is also null for fits with 96 or more
-        terms; a note reports this.
+        residual and of the terms, because the filter and coloured noise correlate the samples. It
+        includes the effect of a residual that drifts over a run. The `std` of the intercept is an
+        exception: it excludes this effect. `std` is null for models other than ridge models. It is
+        also null for fits with 96 or more terms; a note reports this.
 
         `rate_hz` is the rate of the first line. On lines with other rates, terms that are
         differences per sample, such as `xx_dot`, are converted to this rate. All coefficients are
-        therefore valid at this rate. Lagged values cannot be converted and are rejected on lines
-        with another rate. Training that starts from `warm_start` keeps the rate of that table.
+        therefore valid at this rate. Lagged values cannot be converted, so a line with another rate
+        is rejected if a feature is a lagged value. Training that starts from `warm_start` keeps the
+        rate of that table.
 
         A filter removes the mean of the target, so the constant part of the aircraft field is not
         determined.
@@ -1683,37 +1716,39 @@ class StageMethods:
         counts the omitted rows, `n` the used rows, and `lines` lists the lines of the used rows.
 
         `condition` is the condition number of the filtered matrix; if it is large, individual
-        coefficients are poorly determined. With `lambda = 0`, terms that the flight does not excite
-        cause an error that names them. `trivial_share` is the fraction of the total field that the
-        fit attributes to the aircraft. It is 1 for the trivial solution of band-passed fits.
-        `warning` describes problems of the fit and is otherwise empty. Lines that failed in an
-        earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or
-        whose rate is unsuitable for the filter, are omitted and listed in the table `failures`.
+        coefficients are poorly determined. With `lambda = 0`, the stage fails if the flight does
+        not excite a term; the message names the term. `trivial_share` is the fraction of the total
+        field that the fit attributes to the aircraft. A value of 1 means that a band-passed fit
+        found the trivial solution: the whole total field is attributed to the aircraft. `warning`
+        describes problems of the fit and is otherwise empty. Lines that failed in an earlier stage,
+        or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
+        unsuitable for the filter, are omitted and listed in the table `failures`.
 
-        `approximation_bound` bounds the error of the model's linear form. This form approximates
-        the change in magnitude by the projection of the aircraft field on the earth's field. The
-        error is up to b^2/2 of the total field, where b is the aircraft field divided by the
-        earth's field. The bound is computed from the permanent and induced coefficients for the
-        worst attitude. It is null if the terms do not determine this bound, or if the target is not
-        a total field.
+        `approximation_bound` is an upper bound on the error of the linear model, nT. The linear
+        model approximates the change in the magnitude of the field by the projection of the
+        aircraft field on the earth's field. Relative to the total field, the error is at most
+        b^2/2, where b is the aircraft field divided by the earth's field. The bound is computed
+        from the permanent and induced coefficients for the worst attitude. The bound is null if the
+        terms do not determine it, or if the target is not a total field.
 
-        `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of
-        the model over all frequencies. They are the smallest white noise and first-order
-        Gauss-Markov noise that together bound the Allan variance of the unfiltered residual on the
-        lines of the fit. From a residual of the total field, `igrf` and `diurnal` are subtracted if
-        present. Without `igrf`, the core field is computed at the INS positions and the line's
-        date. The crustal anomaly is unknown here and counts as noise. The noise of a calibration at
-        low height is therefore overestimated. A time constant longer than the lines cannot be
-        resolved. The columns are null if the lines are shorter than 16 s.
+        `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` describe the noise of the
+        unfiltered residual on the lines of the fit. They are the parameters of white noise and of
+        first-order Gauss-Markov noise. Together, the two are the smallest noise whose Allan
+        variance is nowhere below the Allan variance of the residual. If the target is a total
+        field, `igrf` and `diurnal` are first subtracted from the residual if present. Without
+        `igrf`, the core field is computed at the INS positions and the line's date. The crustal
+        anomaly is unknown here and counts as noise. For a calibration at low height, the noise is
+        therefore overestimated. A time constant longer than the lines cannot be resolved. The
+        columns are null if the lines are shorter than 16 s.
 
         `warm_start` names the table of another fit of the same kind of network: a table of this
-        pipeline, or a published table. Training starts from its weights instead of random weights,
-        for example from the weights for an aircraft with more flight data. Both fits must have the
-        same inputs, layers, activation, linear terms and members. Inputs and target are scaled as
-        in the earlier network, because its weights depend on the scales. The constant is fitted to
-        the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of
-        the earlier network. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are
-        fitted to the new lines.
+        pipeline, or a published table. Training starts from the weights in that table instead of
+        random weights. The table may, for example, be from an aircraft with more flight data. Both
+        fits must have the same inputs, layers, activation, linear terms and members. Inputs and
+        target are scaled as in the earlier fit, because the weights depend on these scales. The
+        constant is fitted to the new lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start
+        from the coefficients of the earlier fit. Coefficients that are not trained (`m2b`, `m2d`,
+        `tlnn`, `etlnn`) are fitted to the new lines.
 
         Parameters
         ----------
@@ -1733,11 +1768,11 @@ class StageMethods:
             Input columns of the model: lists such as `tl` and `features`, or single columns.
             Default: `["tl"]`.
         entries : ListLike, optional
-            Entries of the lists in `features` to use, in this order. Each is given by its name or
-            by a prefix. A prefix, such as `TL_A_flux_a`, is the part of a name before a `_`; it
-            selects all names that begin with it. A row must be finite in all entries of the lists,
-            selected or not. The matrix of all entries is factored only once, so a sweep over
-            `entries` is fast. Unset: all entries.
+            Entries of the lists in `features` to use, in this order. A name selects one entry. A
+            prefix such as `TL_A_flux_a` selects all entries whose names begin with `TL_A_flux_a_`.
+            A row is used only if all entries of the lists are finite, including the unselected
+            entries. The matrix of all entries is factored only once, so a sweep over `entries` is
+            fast. Unset: all entries.
         choose : {"given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"}, optional
             Method that selects `lambda` or `components`. The permitted values depend on the model.
             Default: `"given"`.
@@ -1748,12 +1783,13 @@ class StageMethods:
             Scaling of the columns before the penalty is applied. `standardise` divides by the
             standard deviation with divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor
             in partial least squares and whitened components. Its `StandardScaler` uses the divisor
-            n; the same ridge then requires `lambda` n / (n - 1). Unset: the default of the model.
+            n. Ridge regression in scikit-learn then requires the penalty `lambda` n / (n - 1) for
+            the same solution. Unset: the default of the model.
         whiten : float, optional
             Fits the model to whitened principal components of the features, instead of the features
-            themselves. A value of 1 or more is the number of components, a value below 1 the
-            fraction of the variance. The table still holds coefficients of the features. Allowed:
-            above 0. Unset: no whitening.
+            themselves. A value of 1 or more is the number of components. A value below 1 is the
+            fraction of the variance that the components explain. The table still holds coefficients
+            of the features. Allowed: above 0. Unset: no whitening.
         intercept : bool, optional
             Also fits a constant, without a penalty. Unset: true with `whiten`, otherwise the
             default of the model.
@@ -1771,11 +1807,13 @@ class StageMethods:
         allow_truth : bool, optional
             Allows truth columns as features. Default: `false`.
         lambda_ : float, optional
-            For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`, `robust`, `m2a`,
-            `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`, `tlnn`,
-            `etlnn`: Ridge parameter. Allowed: 0 or above. Default: `0.025`.
+            For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`, `robust`: Ridge
+            parameter. Allowed: 0 or above. Default: `0.025`.
             For `recursive_least_squares`: Ridge parameter of the initial coefficients. Allowed: 0
             or above. Default: `0.025`.
+            For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
+            `tlnn`, `etlnn`: Ridge parameter of the linear model. Allowed: 0 or above. Default:
+            `0.025`.
         lambdas : ListLike, optional
             For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`: Values of
             `lambda` to choose from. Unset: a grid computed from the features.
@@ -1783,19 +1821,19 @@ class StageMethods:
             For `elastic_net`: Fraction of the penalty that applies to the absolute values of the
             coefficients. Allowed: 0 to 1. Default: `0.99`.
         components : int, optional
-            For `pls`: Number of components, or the maximum number if `choose` selects it. If the
-            number of components equals the number of terms, the result is ordinary least squares,
-            and a warning is reported. Allowed: 1 to 10000. Default: `18`.
-            For `truncated_svd`: Number of components, or the maximum number if `choose` selects it.
-            Allowed: 1 to 10000. Default: `18`.
+            For `pls`: Number of components. If `choose` selects the number, this is the maximum. If
+            the number of components equals the number of terms, the result is ordinary least
+            squares, and a warning is reported. Allowed: 1 to 10000. Default: `18`.
+            For `truncated_svd`: Number of components. If `choose` selects the number, this is the
+            maximum. Allowed: 1 to 10000. Default: `18`.
         with_targets : ListLike, optional
-            For `pls`: Further columns that are fitted together with `target` and share its
-            components. The table holds the coefficients of `target`. Unit: nT. Default: `[]`.
+            For `pls`: Further target columns that are fitted with the same components as `target`.
+            The table holds only the coefficients of `target`. Unit: nT. Default: `[]`.
         loss : {"huber", "student_t"}, optional
             For `robust`: Loss function of a residual. Default: `"huber"`.
         scale : {"mad", "joint"}, optional
-            For `robust`: Estimator of the scale of the residuals: their median absolute deviation,
-            or a joint estimate with the coefficients. Default: `"mad"`.
+            For `robust`: Estimator of the scale of the residuals: their median absolute deviation
+            (`mad`), or an estimate together with the coefficients (`joint`). Default: `"mad"`.
         threshold : float, optional
             For `robust`: Residual at which Huber's loss changes from quadratic to linear, in units
             of the scale. Allowed: above 0. Default: `1.345`.
@@ -1806,24 +1844,25 @@ class StageMethods:
             row. With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
         hidden : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units in each hidden layer, for
-            up to three layers. Allowed: 1 to 1000. Unset: `[8]`; `[11]` for `tlnn` and `etlnn`, as
-            in van der Meer 2025; none for `m3tf`; with `warm_start`, the layers of that network.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units in each hidden layer; at
+            most three layers. Allowed: 1 to 1000. Unset: `[8]`; for `tlnn` and `etlnn`, `[11]` as
+            in van der Meer 2025; for `m3tf`, no hidden layers; with `warm_start`, the layers of the
+            earlier network.
         activation : {"swish", "relu", "tanh", "sigmoid"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Activation function of the hidden units.
             Default: `"swish"`.
         inputs : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: names of entries
-            of `features`, or prefixes. A prefix is the part of a name before a `_`; it selects all
-            names that begin with it. Unset: all features.
-            For `boosted_trees`: Inputs of the trees: names of entries of `features`, or prefixes. A
-            prefix is the part of a name before a `_`; it selects all names that begin with it.
-            Unset: all features.
-            For `random_features`: Inputs of the model: names of entries of `features`, or prefixes.
-            A prefix is the part of a name before a `_`; it selects all names that begin with it.
-            Unset: all features.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Entries of `features` that are inputs of
+            the network. A name selects one entry; a prefix such as `TL_A_flux_a` selects all
+            entries whose names begin with `TL_A_flux_a_`. Unset: all features.
+            For `boosted_trees`: Entries of `features` that are inputs of the trees. A name selects
+            one entry; a prefix such as `TL_A_flux_a` selects all entries whose names begin with
+            `TL_A_flux_a_`. Unset: all features.
+            For `random_features`: Entries of `features` that are inputs of the model. A name
+            selects one entry; a prefix such as `TL_A_flux_a` selects all entries whose names begin
+            with `TL_A_flux_a_`. Unset: all features.
         epochs : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of training epochs with Adam.
@@ -1842,53 +1881,59 @@ class StageMethods:
             Default: `0.001`.
         schedule : {"constant", "cosine", "plateau"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning-rate schedule. Default:
-            `"constant"`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning-rate schedule. `cosine` falls to
+            1 % of `learning_rate`. `plateau` halves the rate after ten epochs without a smaller
+            validation loss. Default: `"constant"`.
         training_loss : {"squared", "absolute", "huber"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss function. Default: `"squared"`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss function: mean squared residual,
+            mean absolute residual, or Huber loss. Default: `"squared"`.
         huber_threshold : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Residual at which the Huber loss becomes
-            linear, in units of the target's scale. Allowed: above 0. Default: `1.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Residual at which the Huber loss changes
+            from quadratic to linear, divided by the scale of the target (the term `target_scale` in
+            the table of the fit). Allowed: above 0. Default: `1.0`.
         weight_decay : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight decay (AdamW): each step of Adam
-            multiplies the weights by 1 minus the product of this value and the learning rate.
-            Allowed: 0 or above. Default: `0.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight decay, as in AdamW: each step of
+            Adam multiplies the weights by (1 - `weight_decay` × learning rate). Allowed: 0 or
+            above. Default: `0.0`.
         dropout : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the hidden units that each
             training step omits at random. Allowed: 0 to 0.9. Default: `0.0`.
         group_lasso : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of the sparse group lasso on the
-            weights of each input. Allowed: 0 or above. Default: `0.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of the sparse group lasso, a
+            penalty that reduces the weights of irrelevant inputs in the first layer. Allowed: 0 or
+            above. Default: `0.0`.
         group_share : float, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the lasso penalty that is
-            applied to the weights of each input as a group. The remaining fraction is applied to
-            individual weights. Allowed: 0 to 1. Default: `1.0`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of `group_lasso` that penalises
+            the weights of each input as a group. The remaining fraction penalises each weight
+            separately. Allowed: 0 to 1. Default: `1.0`.
         validation : ListLike, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines (`1003.08` or `1003/1003.08`) or
-            whole flights reserved for validation. The epoch with the smallest validation loss is
-            used. Default: `[]`.
-            For `boosted_trees`: Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for
-            validation. The number of trees with the smallest validation loss is used. Default:
-            `[]`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines or flights that are used for
+            validation instead of training. A line is given as `1003.08`, or with its flight as
+            `1003/1003.08`. The result has the weights of the epoch with the smallest validation
+            loss. Default: `[]`.
+            For `boosted_trees`: Lines or flights that are used for validation instead of training.
+            A line is given as `1003.08`, or with its flight as `1003/1003.08`. The result has the
+            number of trees with the smallest validation loss. Default: `[]`.
         patience : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Training stops after this many epochs
-            without an improvement in the validation loss. Allowed: above 0. Unset: training runs
-            for all epochs.
-            For `boosted_trees`: Training stops after this many trees without an improvement in the
-            validation loss. Allowed: above 0. Unset: training builds all trees.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs without a smaller
+            validation loss after which training stops. Allowed: above 0. Unset: training runs for
+            all epochs.
+            For `boosted_trees`: Number of trees without a smaller validation loss after which
+            training stops. Allowed: above 0. Unset: training builds all trees.
         members : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks that start from
-            different initial weights and whose predictions are averaged. The spread of their
-            predictions gives `mag_aircraft_sigma` of `compensate`. Allowed: 1 to 100. Default: `1`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks in the ensemble. The
+            networks start from different weights, and their predictions are averaged. The spread of
+            the predictions gives `mag_aircraft_sigma` of `compensate`. Allowed: 1 to 100. Default:
+            `1`.
         seed : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed for the initial weights, the order
@@ -1896,40 +1941,42 @@ class StageMethods:
             For `boosted_trees`: Seed for the subsample of each tree. Default: `0`.
             For `random_features`: Seed of the random features. Default: `0`.
         physics : float, optional
-            For `m2a`, `m2c`, `m2d`: Weight, in the loss function, of the squared difference between
-            the predictions of the network and of the linear model. This difference is divided by
-            the scale of the target. Allowed: 0 or above. Default: `0.0`.
+            For `m2a`, `m2c`, `m2d`: Weight of an additional term of the loss function: the squared
+            difference between the prediction and the ridge fit of the linear terms. This difference
+            is divided by the scale of the target. Allowed: 0 or above. Default: `0.0`.
         linear : ListLike, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Terms of the linear model: names of entries of `features`, or prefixes.
-            A prefix is the part of a name before a `_`; it selects all names that begin with it.
-            Unset: for `etlnn`, all features; for other models, the Tolles-Lawson terms in
-            `features` or, if there are none, the terms of the core-field model. Other features,
-            such as slopes or terms of the extended model, are inputs of the network only.
+            `tlnn`, `etlnn`: Entries of `features` that are terms of the linear model. A name
+            selects one entry; a prefix such as `TL_A_flux_a` selects all entries whose names begin
+            with `TL_A_flux_a_`. Other features can only be inputs of the network. Unset: for
+            `etlnn`, all features; for other models, the Tolles-Lawson terms in `features` or, if
+            there are none, the terms of the core-field model.
         linear_low_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Lower corner frequency of the filter for the linear fit. With 0 the
+            `tlnn`, `etlnn`: Lower corner frequency of the filter for the ridge fit. With 0 the
             filter has no lower corner. Unit: Hz. Allowed: 0 or above. Default: `0.1`.
         linear_high_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
-            `tlnn`, `etlnn`: Upper corner frequency of the filter for the linear fit. With 0 the
+            `tlnn`, `etlnn`: Upper corner frequency of the filter for the ridge fit. With 0 the
             filter has no upper corner. Unit: Hz. Allowed: 0 or above. Default: `0.9`.
         coupling : {"magnitude", "projection"}, optional
-            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Method that computes the scalar
-            aircraft field from its vector. Default: `"magnitude"`.
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Function f(v) that computes the
+            scalar aircraft field from its vector v; see the table of `m3tl`. Default:
+            `"magnitude"`.
         bt_scale_nt : float, optional
-            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Value of `bt_scale_nt` in the
-            stage that computes the terms, for `coupling = "magnitude"`. Unit: nT. Allowed: above 0.
-            Default: `50000.0`.
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: For `coupling = "magnitude"`:
+            scale of the Tolles-Lawson terms, equal to `bt_scale_nt` of the stage that computes
+            them. Unit: nT. Allowed: above 0. Default: `50000.0`.
         curriculum_sigma : float, optional
-            For `m3sc`, `m3vc`: Limit that selects the samples of the first phases: largest
-            deviation of the ridge fit's error from its mean, in standard deviations of this error.
+            For `m3sc`, `m3vc`: Limit for the samples of the first three phases: maximum deviation
+            of the ridge fit's error from the mean error, in standard deviations of the error.
             Allowed: above 0. Default: `1.0`.
         window : int, optional
             For `m3w`, `m3tf`: Number of samples in the window. Unit: samples. Allowed: 2 to 4096.
             Default: `5`.
-            For `gru`, `lstm`, `tcn`: Number of samples in a window, ending at the predicted sample.
-            Future samples are not used. Unit: samples. Allowed: 2 to 4096. Default: `16`.
+            For `gru`, `lstm`, `tcn`: Number of samples in a window; for `tcn`, a power of two. The
+            window ends at the predicted sample, so future samples are not used. Unit: samples.
+            Allowed: 2 to 4096. Default: `16`.
         units : int, optional
             For `m3tf`: Number of units that represent a sample in the transformer. Allowed: 1 to
             1000. Default: `8`.
@@ -1953,9 +2000,10 @@ class StageMethods:
             For `boosted_trees`: Minimum number of samples per leaf. Unit: samples. Allowed: above
             0. Default: `20`.
         leaf_l2 : float, optional
-            For `boosted_trees`: L2 penalty, added to the number of samples in a leaf when the value
-            of the leaf is computed. It shrinks the values of small leaves. Unit: samples. Allowed:
-            0 or above. Default: `0.0`.
+            For `boosted_trees`: L2 penalty on the values of the leaves. The value of a leaf is the
+            sum of its residuals divided by (number of samples + `leaf_l2`). The values of leaves
+            with few samples are therefore reduced. Unit: samples. Allowed: 0 or above. Default:
+            `0.0`.
         subsample : float, optional
             For `boosted_trees`: Fraction of the samples used for each tree. Allowed: 0.001 to 1.
             Default: `1.0`.
@@ -1964,26 +2012,27 @@ class StageMethods:
             process better. Computing time is proportional to the square of this number. Allowed: 2
             to 10000. Default: `200`.
         length_scale : float, optional
-            For `random_features`: Length scale of the kernel, in standard deviations of the inputs:
-            the distance over which values are correlated. Allowed: above 0. Unset: the most likely
-            of 1/4, 1/2, 1, 2 and 4 times the median distance between samples.
+            For `random_features`: Length scale of the kernel: the distance over which values are
+            correlated, in standard deviations of the inputs. Allowed: above 0. Unset: the most
+            likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples.
         linear_weight : float, optional
-            For `random_features`: Weight of the linear model: the expected coefficient of a
-            standardised input divided by the standard deviation of the process. 0 removes the
-            linear model. Allowed: 0 or above. Default: `1.0`.
+            For `random_features`: Weight of the linear model: prior standard deviation of its
+            coefficients for standardised inputs, divided by the standard deviation of the process.
+            0 removes the linear model. Allowed: 0 or above. Default: `1.0`.
         noise_ratio : float, optional
             For `random_features`: Variance of the errors divided by the variance of the process.
             Allowed: above 0. Unset: the most likely value.
         sigma : bool, optional
-            For `random_features`: Stores the matrix factor from which the standard deviation of the
-            prediction is computed. For n features, it adds n² rows to the table of the fit.
-            Default: `true`.
+            For `random_features`: Stores the matrix factor that `compensate` requires for the
+            standard deviation of the prediction. For n random features, the factor adds n² rows to
+            the table of the fit. Default: `true`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2033,25 +2082,25 @@ class StageMethods:
         of the diurnal variation.
 
         A model fitted to band-passed data does not determine the constant part of the aircraft
-        field. `detrend` leaves the mean of the prediction over the line in the signal, as
-        MagNav.jl's examples do.
+        field. With `detrend`, the mean of the prediction over the line is not subtracted, as in
+        MagNav.jl's examples. A nonlinear model predicts the constant part if its target includes
+        that part.
 
         `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated
-        from the residual of the model on its calibration lines. They are equal for all samples.
-        `navigate` uses them for noise parameters that are set to `"auto"`.
+        from the residual of the model on its calibration lines. Their values are the same for all
+        samples. `navigate` uses them for noise parameters that are set to `"auto"`.
 
-        `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an
-        ensemble. It is null if the model does not provide one. A nonlinear model predicts the
-        constant part if its target includes that part.
+        `mag_aircraft_sigma` is the standard deviation of the prediction. Ensembles of networks and
+        `random_features` provide it; for other models it is null.
 
         `parts` appends the parts of the prediction in nT, before `detrend` and before `igrf` and
         `diurnal` are added. `part_linear` is the prediction of the linear terms alone. It is the
         whole prediction of a linear model, and 0 for `m1`, `m2a`, trees and random features.
-        `part_network` is the remaining prediction, from the network and constants. For the model 3
-        family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms along
-        the axes of the vector magnetometer. `part_network_x` to `part_network_z` is the vector that
-        the network predicts; it is 0 except for `m3v` and `m3vc`. These vectors are null for other
-        models.
+        `part_network` is the remaining prediction, from the network and constants. For the models
+        `m3tl` to `m3tf`, `part_permanent_x` to `part_eddy_z` are the permanent, induced and
+        eddy-current vectors along the axes of the vector magnetometer. `part_network_x` to
+        `part_network_z` are the components of the vector that the network predicts. They are 0
+        except for `m3v` and `m3vc`. For other models, all vectors are null.
 
         Parameters
         ----------
@@ -2069,17 +2118,18 @@ class StageMethods:
             Terms of the model that are not part of the aircraft field and are not subtracted, such
             as `easting` and `northing`. Default: `[]`.
         detrend : bool, optional
-            Leaves the mean of the predicted aircraft field in the signal. Default: `false`.
+            Subtracts the predicted aircraft field without its mean over the line. Default: `false`.
         parts : bool, optional
             Appends the parts of the prediction. Default: `false`.
         allow_truth : bool, optional
-            Allows truth columns. Default: `false`.
+            Allows truth columns as inputs. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2125,47 +2175,49 @@ class StageMethods:
     ) -> TableHandle:
         """Computes the importance of each input of a fitted model on each line.
 
-        Each group of inputs gives a row with `value` and, if the value is a mean, its `spread`.
-        `permutation`, `shapley`, `morris` and the Sobol indices use predictions only, so they apply
-        to all kinds of models.
+        Each group of inputs gives one row with `value`. If `value` is a mean, `spread` is the
+        standard deviation of the averaged values. `permutation`, `shapley`, `morris` and the Sobol
+        indices use predictions only, so they apply to all kinds of models.
 
-        Every entry of the features that the model uses is a separate group, unless `groups`
-        combines it with others. Correlated inputs share or mask importance. Put all inputs from one
-        sensor into one group.
+        Each entry of the model's features is a separate group, unless `groups` combines it with
+        others. Correlated inputs share or mask importance, so put all inputs from one sensor into
+        one group.
 
-        | `method` | `value` | `spread` |
+        | `method` | `value` | `value` is a mean over |
         |---|---|---|
-        | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | over the repeats |
-        | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
-        | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | over the samples |
+        | `permutation` | increase in the mean square error of the predicted `target`, in nT2 | the repeats |
+        | `shapley` | mean absolute contribution to the prediction, in nT | the samples |
+        | `expected_gradients` | mean absolute contribution, computed from gradients, in nT | the samples |
         | `pearson`, `spearman` | correlation with `target` | |
         | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
-        | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
-        | `morris` | mean absolute change in the prediction over the range of the input, in nT | over the trajectories |
+        | `group_lasso` | norm of an input's weights times the input's standard deviation on the line | the ensemble |
+        | `morris` | mean absolute change in the prediction over the input's range, in nT | the trajectories |
         | `sobol_first` | share of the prediction's variance from the group alone | |
-        | `sobol_total` | share from the group and all its interactions | |
+        | `sobol_total` | share of the prediction's variance from the group and all its interactions | |
 
-        `permutation` permutes blocks of `block_s`, because permuting single samples would turn a
-        slow signal into noise. The mean of the model's error is ignored. `shapley` and
+        `permutation` permutes blocks of length `block_s`, because permuting single samples would
+        turn a slow signal into noise. A constant error of the model has no effect. `shapley` and
         `expected_gradients` explain `samples` samples of the line relative to `background` samples
-        of the line, both evenly spaced. Shapley values of linear models and of trees are exact.
-        Shapley values of other models are estimated by sampling, and `error` is the mean standard
-        error of these estimates. Samples that `where` omits, or that lack an input or the target,
-        are ignored. A line that is too short is rejected.
+        of the line, both evenly spaced. Shapley values of linear models and of trees are exact. For
+        other models, Shapley values are estimated by sampling, and `error` is the mean standard
+        error of the estimates. Samples that `where` omits, or that lack an input or the target, are
+        ignored. A line that is too short for the method is rejected.
 
         For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list
-        `sample_values` holds their contributions to the prediction, and `sample_inputs` holds the
-        values of the input. `sample_inputs` is NaN for a group of several inputs. The report plots
-        both lists for all lines together, like the beeswarm plot of the SHAP package.
+        `sample_values` holds the contribution of the group to the prediction for each of these
+        samples, and `sample_inputs` holds the value of the input. `sample_inputs` is NaN for a
+        group of several inputs. The report plots both lists for all lines together, like the
+        beeswarm plot of the SHAP package.
 
         `morris` and the Sobol indices vary all inputs independently over their ranges. The range of
         an input is from the quantile `tails` to the quantile 1 - `tails` of its values on the line.
         Correlated inputs then take combinations that do not occur in the data. The values therefore
         describe the model over the ranges, not its behaviour on the line. The shares of correlated
         inputs do not add up to the variance of the prediction on the line. An input that is
-        constant on the line has the value 0. `error` is the standard error; `low` and `high` are
-        the bounds of a Sobol index's 95 % bootstrap interval. First-order indices below the total
-        indices indicate interactions. The effect of a group of several inputs has no `spread`.
+        constant on the line has an importance of 0. `error` is the standard error; `low` and `high`
+        are the bounds of a Sobol index's 95 % bootstrap interval. A first-order index below the
+        total index of the same group indicates interactions. With `morris`, a group of several
+        inputs has no `spread`.
 
         To compute the increase in error when an input is dropped and the model is refitted, use a
         sweep. Its axis holds all subsets of `entries` or `inputs` of the fit that lack at most one
@@ -2184,22 +2236,24 @@ class StageMethods:
         "hard_thresholding", "group_lasso", "morris", "sobol_first", "sobol_total"}, optional
             Method that computes the importance. Default: `"permutation"`.
         groups : ListLike, optional
-            Groups of entries, each given by a name or a prefix. A prefix, such as `TL_A_flux_a`, is
-            the part of a name before a `_`; it selects all names that begin with it. Default: `[]`.
+            Groups of entries, each given by a name or a prefix. A prefix is the part of a name
+            before a `_`, such as `TL_A_flux_a`. It selects all names that begin with this part.
+            Default: `[]`.
         block_s : float, optional
-            Length of the permuted blocks. It must exceed the correlation times of the target and
-            the inputs. Unit: s. Allowed: above 0. Default: `30.0`.
+            Length of the permuted blocks. The length must exceed the correlation times of the
+            target and the inputs. Unit: s. Allowed: above 0. Default: `30.0`.
         repeats : int, optional
             Number of repeats of the permutation. Allowed: 1 to 10000. Default: `10`.
         samples : int, optional
-            Number of samples of a line that are explained. Unit: samples. Allowed: 2 to 1000000.
-            Default: `200`.
+            Number of samples of each line for which contributions are computed. Unit: samples.
+            Allowed: 2 to 1000000. Default: `200`.
         background : int, optional
-            Number of background samples. Unit: samples. Allowed: 1 to 100000. Default: `50`.
+            Number of background samples of each line, relative to which contributions are computed.
+            Unit: samples. Allowed: 1 to 100000. Default: `50`.
         draws : int, optional
-            Number of random orders of the groups, each with its reverse, for each sample and
-            background sample. For `expected_gradients`: number of gradients divided by
-            `background`. Allowed: 2 to 100000. Default: `2`.
+            Number of random orders of the groups for each pair of a sample and a background sample.
+            Each order is also used in reverse. With `expected_gradients`: number of gradients per
+            sample, divided by the number of background samples. Allowed: 2 to 100000. Default: `2`.
         kept_samples : int, optional
             Number of explained samples whose values are stored, evenly spaced. 0 stores none. Unit:
             samples. Allowed: 0 to 10000. Default: `100`.
@@ -2207,15 +2261,15 @@ class StageMethods:
             Number of entries in the linear model of `hard_thresholding`. Allowed: 1 to 10000.
             Default: `10`.
         trajectories : int, optional
-            Number of trajectories of `morris`. Each requires (groups + 1) predictions. Allowed: 2
-            to 1000000. Default: `200`.
+            Number of trajectories of `morris`. Each trajectory requires (number of groups + 1)
+            predictions. Allowed: 2 to 1000000. Default: `200`.
         levels : int, optional
             Number of levels of each input in `morris`, an even number. Allowed: 2 to 1000. Default:
             `4`.
         points : int, optional
             Number of rows in each of the two random matrices for a Sobol index. The model predicts
-            (groups + 2) times as many rows. Errors are proportional to the inverse square root of
-            `points`. Allowed: 2 to 1000000. Default: `2000`.
+            (number of groups + 2) times this number of rows. Errors are proportional to the inverse
+            square root of `points`. Allowed: 2 to 1000000. Default: `2000`.
         tails : float, optional
             Fraction of an input's values on the line that its range excludes at each end. 0 uses
             the extremes. Allowed: 0 to 0.49. Default: `0.01`.
@@ -2225,8 +2279,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2265,11 +2320,13 @@ class StageMethods:
         includes the anomaly and the effect of manoeuvres. `residual_noise` is more realistic: it
         uses lines flown over a map as in navigation, and includes the error of the map.
         `assume_noise` assigns the result to other lines, and `navigate` uses it for noise
-        parameters that are `"auto"`. Do not select the lines that are navigated.
+        parameters that are `"auto"`. Do not select the lines that are navigated: their scores would
+        be in sample.
 
         The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts
-        that together bound the Allan variance of the lines. A constant error has no effect. A time
-        constant longer than the lines cannot be resolved. Lines without a run of 16 s are rejected.
+        whose combined Allan variance is nowhere below the Allan variance of the lines. A constant
+        error has no effect. A time constant longer than the lines cannot be resolved. Lines without
+        16 s of uninterrupted data are rejected.
 
         Parameters
         ----------
@@ -2279,14 +2336,15 @@ class StageMethods:
             Compensated signal. Unit: nT. Default: `"mag_c"`.
         truth : str, optional
             Column of the true field, such as `mag_1_c`. Unit: nT. Unset: the sum of `igrf`,
-            `map_anomaly` (computed by `map_value`) and, if present, `diurnal`, except those already
-            removed from `mag`.
+            `map_anomaly` (computed by `map_value`) and, if present, `diurnal`, without the fields
+            already removed from `mag`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2314,9 +2372,9 @@ class StageMethods:
         keep: bool | None = None,
     ) -> TableHandle:
         """Appends the noise parameters that `residual_noise`, `fogm_noise` or `fit` estimated:
-        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
+        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`, each with the same value at all samples.
 
-        These columns replace those from `compensate`.
+        They replace the columns of the same names from `compensate`.
 
         Parameters
         ----------
@@ -2328,8 +2386,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2365,13 +2424,13 @@ class StageMethods:
         minus the true signal, the variation at a base station, and the `residual` of a track
         without measurement updates. `residual_noise` gives the smallest noise that bounds a signal
         over every time span, for a cautious filter. `fogm_noise` gives the best fit for noise with
-        one time scale. It represents noise with several time scales only in part.
+        one time scale. Noise with several time scales is represented only in part.
 
-        `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a
-        quarter of the longest run. `allan` fits the Allan variance. A constant affects neither
-        statistic. A gap ends a run. If the Gauss-Markov noise is not significant, its standard
-        deviation is 0 and the time constant is the sample interval. The white noise is at least
-        0.01 nT.
+        A run is a stretch of samples without a gap. `autocorrelation` fits the variance minus the
+        autocovariance at lags from one sample to a quarter of the longest run. `allan` fits the
+        Allan variance. A constant affects neither statistic. If the Gauss-Markov noise is not
+        significant, its standard deviation is 0 and the time constant is the sample interval. The
+        white noise is at least 0.01 nT.
 
         These are rejected: records without a run of 64 samples, constant records, and lines with
         different sample rates. A record must also last at least 20 time constants in total, and at
@@ -2393,8 +2452,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2471,20 +2531,20 @@ class StageMethods:
         """Trains the network that sets the noise of the filter `nekf`, on the lines that `where`
         selects.
 
-        Do not select the lines that are navigated.
+        Do not select the lines that are navigated: their scores would be in sample.
 
-        The network minimises the negative log-likelihood of the innovations, which requires no
-        truth. With `loss = "position"` it minimises the negative log-likelihood of the true
-        position, `lat` and `lon`. The derivatives of the loss are propagated back through the
-        network and through the covariance and state of the filter. Lines are prepared as in
-        `navigate`, which has the same keys; set them to the same values in both stages. With
-        `tuning = "auto"` the noise of each line is estimated first, and the network learns how the
-        noise changes along the line.
+        Training minimises the negative log-likelihood of the innovations, which requires no truth.
+        With `loss = "position"`, it minimises the negative log-likelihood of the true position,
+        `lat` and `lon`. The derivatives of the loss are propagated back through the network and
+        through the covariance and state of the filter. Lines are prepared as in `navigate`. Set the
+        keys that both stages share to the same values. With `tuning = "auto"` the noise of each
+        line is estimated first, and the network learns how the noise changes along the line.
 
         The table holds the weights, the scaling of the inputs, and the mean loss of each epoch
-        (`epoch_loss`; `initial_loss` is the loss of `ekf`). A loss that does not fall means that
-        the inputs do not predict the noise; the filter then equals `ekf`. Rows that `where` does
-        not select have no measurement. Lines with different sample rates are rejected.
+        (`epoch_loss`; `initial_loss` is the loss of `ekf`). If the loss does not decrease, the
+        inputs do not predict the noise, and the filter equals `ekf`. The filter runs over whole
+        lines, and rows that `where` does not select have no measurement. Lines with different
+        sample rates are rejected.
 
         Parameters
         ----------
@@ -2496,16 +2556,17 @@ class StageMethods:
             Noise that the network sets: measurement noise (`"r"`), noise of the temporal variation
             (`"q"`), or both. Default: `"r"`.
         loss : {"likelihood", "position"}, optional
-            Quantity whose negative log-likelihood is the loss: the innovations or the true
-            position. Default: `"likelihood"`.
+            Quantity whose negative log-likelihood is the loss: the innovations (`likelihood`) or
+            the true position (`position`). Default: `"likelihood"`.
         features : ListLike, optional
             Columns that are additional inputs of the network, such as electric currents. Values
             that are not finite are rejected. Unset: none.
         hidden : int, optional
-            Number of units in the layer of the network. Allowed: 1 to 256. Default: `8`.
+            Number of units in the long short-term memory layer of the network. Allowed: 1 to 256.
+            Default: `8`.
         limit : float, optional
             Largest factor by which the network multiplies a standard deviation. The smallest factor
-            is its inverse. Allowed: 1.01 to 10000. Default: `10.0`.
+            is 1/`limit`. Allowed: 1.01 to 10000. Default: `10.0`.
         epochs : int, optional
             Number of passes through the lines. Allowed: 1 to 100000. Default: `30`.
         window_s : float, optional
@@ -2523,20 +2584,20 @@ class StageMethods:
             height. A key in the spec takes precedence over both. Default: `"auto"`.
         mag : ListLike, optional
             Columns of the field measured by one or several magnetometers. A filter that cannot
-            process magnetometers separately uses their mean at each sample, with the noise of a
-            mean of independent readings. Each magnetometer has its own offset. Unit: nT. Default:
-            `["mag_c"]`.
+            process magnetometers separately uses their mean at each sample, and assumes that their
+            noise is independent. The offset (`offset_window_s`) is computed for each magnetometer.
+            Unit: nT. Default: `["mag_c"]`.
         core_field : bool, optional
-            Predicts the core field as part of the measurement. `false`: the measurement is an
-            anomaly. Default: `true`.
+            Adds the core field to the predicted measurement. `false` means that the measurement is
+            an anomaly. Default: `true`.
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement, so that the filter need not
             estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
             Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
             the measurement.
         decimal_year : float, optional
-            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-            1900 to 2030. Unset: the flight's own date.
+            Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+            Allowed: 1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
             Interpolation of the map. The field above its sources is smooth, so spline interpolation
             is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -2547,43 +2608,49 @@ class StageMethods:
             is continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
-            `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-            added to the measurement noise of each sample. The map error is looked up at the
-            position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-            map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-            `error`, or on the interpolation error that the map implies.
+            `track_map`); typically the spacing of its survey lines. The correlated map error is
+            converted to equivalent white noise, which is added to the measurement noise of each
+            sample. The map error is interpolated at the position that an extended Kalman filter
+            predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+            "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+            times an estimated factor.
         offset_window_s : float, optional
-            Length of the window, from the start of a line, in which the mean of measurement minus
-            prediction is computed. This offset is subtracted from the measurements before
-            filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-            Unit: s. Allowed: 0 or above. Default: `0.0`.
+            Length of the window at the start of a line in which an offset is computed: the mean of
+            measurement minus prediction. The offset is subtracted from all measurements of the line
+            before filtering, because compensation leaves a constant undetermined. 0 subtracts
+            nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
             Standard deviation of the white noise of a measurement. It includes the noise of the
-            sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-            from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-            `tuning = "auto"`, otherwise 5.0.
+            sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+            residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+            maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-            0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+            0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+            3.0.
         fogm_tau_s : float | {"auto"}, optional
             Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-            s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+            s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+            otherwise 600.0.
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
-            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-            added to the square of `measurement_sigma_nt`. A sample without a value in this column
-            has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-            samples.
+            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+            this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+            without a value in this column has no measurement. Requires a single magnetometer. Unit:
+            nT. Unset: equal noise at all samples.
         start : {"auto", "fix", "alignment", "given"}, optional
-            Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-            no longer apply after a few minutes. Default: `"auto"`.
+            Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+            propagates the `init_*` standard deviations from the alignment to the start of the line.
+            `given` applies the `init_*` standard deviations at the start of the line; the defaults
+            are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+            one of the three from the keys and columns. Default: `"auto"`.
         fix : ListLike, optional
             Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-            values within 2 s of the line's start are used. White noise with the fix's standard
-            deviations is added to columns with the role truth. This noise is reproducible for each
-            line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-            `lon` and `alt`.
+            values within 2 s of the line's start are used. If the columns have the role truth,
+            white noise with the fix's standard deviations is added. The added noise of a line is
+            the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+            them, else `lat`, `lon` and `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
             `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -2597,23 +2664,25 @@ class StageMethods:
             Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
             Default: `0.1`.
         vector : str, optional
-            Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-            purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-            noise in all attitudes.
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+            of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+            equal noise in all attitudes.
         sensor_axis : ListLike, optional
             Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
         dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-            Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-            of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-            amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+            Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+            (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+            of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+            sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+            `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-            column `ins_grade` instead if present.
+            Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+            are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+            a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+            `ins_grade`, if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -2627,24 +2696,24 @@ class StageMethods:
             Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-            error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+            the yaw error exceeds the other tilt errors, because the INS finds north from the
+            earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+            Unset: the initial tilt error.
         vrw_sigma : float, optional
-            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-            above. Default: `0.000238`.
+            Velocity random walk: square root of the spectral density of the accelerometer noise.
+            Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
         arw_sigma : float, optional
-            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-            or above. Default: `5.81e-7`.
+            Angular random walk: square root of the spectral density of the gyro noise. Unit:
+            rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
         baro_sigma_m : float, optional
             Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
         ha_sigma_m : float, optional
-            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-            Allowed: 0 or above. Default: `0.001`.
+            Standard deviation of the initial error of the altitude in the barometer loop, which
+            aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
         a_hat_sigma_mps2 : float, optional
-            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+            Standard deviation of the initial error of the vertical acceleration in the barometer
+            loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
         acc_sigma_mps2 : float, optional
             Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
             `0.000245`.
@@ -2661,8 +2730,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -2833,45 +2903,46 @@ class StageMethods:
         filters below.
 
         The states are the errors of the INS (truth minus INS) and the temporal variation. The
-        estimate is the INS value plus the state. Each row holds the state a posteriori. `update`
-        gives the outcome for the measurement: `used`; `missing` (NaN); `off_map` (predicted
-        position off the map or in a cell with an unknown node); `gated` (outlier); `flat` (map too
-        flat to observe the position, `flat_over_m`); `unused` (not needed by the filter). If no
-        measurement is used, the filter makes only the time update, and `residual` and `nis` are
-        NaN.
+        estimate is the INS value plus the state. Each row holds the estimate after the measurement
+        update of its sample (a posteriori). `update` gives the outcome for the measurement: `used`;
+        `missing` (NaN); `off_map` (predicted position off the map or in a cell with an unknown
+        node); `gated` (outlier); `flat` (map too flat to observe the position, `flat_over_m`);
+        `unused` (not needed by the filter). If the measurement of a sample is not used, the filter
+        makes only the time update, and `residual` and `nis` are NaN.
 
-        On a flat map, without a core field, a measurement corrects only the temporal variation.
-        With a core field, its slope also corrects the position slightly. A NaN in an INS column is
-        rejected, and the error message gives its row. Missing velocities, specific forces and
-        attitudes are derived from the INS positions. A derived attitude is level, with the yaw
-        along the course.
+        On a flat map, a measurement corrects only the temporal variation. With `core_field = true`,
+        the slope of the core field also corrects the position slightly. A line with a NaN in an INS
+        column is rejected, and the error message gives the row. If the INS columns of velocity,
+        specific force or attitude are missing, they are derived from the INS positions or
+        velocities. Derived roll and pitch angles are 0, and the derived yaw angle is the course.
 
         The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it.
-        `map_height_error` is the expected rms error of the whole map at the mean height of the
-        line, from the spectrum of the map. For a continued map it is the error of downward
-        continuation: amplified noise plus the field that damping removes. It is NaN if the map's
-        height is unknown. A map in eastings and northings is interpolated on its native grid.
+        `map_height_error` is the expected rms error of the map at the mean height of the line,
+        computed from the spectrum of the whole map. For a continued map, this is the error of
+        downward continuation: amplified noise plus the field that damping removes. The column is
+        NaN if the map's height is unknown. A map in eastings and northings is interpolated on its
+        native grid.
 
         Filters that linearise the map require an initial position error smaller than the distance
-        over which the map is nearly linear. `start_sigma` is the initial standard deviation of the
-        position. `start_sigma_limit` is the largest standard deviation at which the linearisation
-        error is below the white noise, or below a third of the linear change of the map (median
-        over a minute). A larger initial standard deviation is flagged (`wide_start` in the table of
-        warnings), because these filters may then diverge unnoticed. In this case, use `filter =
-        "mpf_then_ekf"`.
+        over which the map is nearly linear. `start_sigma` is the standard deviation of the initial
+        position. `start_sigma_limit` is the largest standard deviation for which the map is nearly
+        linear. Up to this limit, the linearisation error is below the white noise, or below a third
+        of the change that the linearised map predicts (medians over a minute of flight). A larger
+        `start_sigma` is flagged (`wide_start` in the table of warnings), because these filters may
+        then diverge unnoticed. In this case, use `filter = "mpf_then_ekf"`.
 
         The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's
         first sample with both `year` and `doy`. A flight without a date is rejected unless
         `core_field = false`.
 
-        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set
-        to the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
-        `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
-        `residual_noise` and `assume_noise` estimate them from lines over a known field. If
+        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. This value selects
+        the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
+        `mag_fogm_tau`. `compensate` estimates these columns from the lines to which its model was
+        fitted; `residual_noise` and `assume_noise` estimate them from lines over a known field. If
         `offset_window_s` is set, the offset removes the slowly varying error at the start of the
-        line. The assumed variance and time constant of the remaining error are then doubled. With
-        `measurement_sigma_nt = "auto"`, the error of bilinear interpolation between nodes is added
-        to the white noise.
+        line. The remaining error is the change since the start, so the variance and the time
+        constant from the columns are doubled. With `measurement_sigma_nt = "auto"` and
+        `map_interpolation = "linear"`, the interpolation error is added to the white noise.
 
         Parameters
         ----------
@@ -2891,20 +2962,20 @@ class StageMethods:
             height. A key in the spec takes precedence over both. Default: `"auto"`.
         mag : ListLike, optional
             Columns of the field measured by one or several magnetometers. A filter that cannot
-            process magnetometers separately uses their mean at each sample, with the noise of a
-            mean of independent readings. Each magnetometer has its own offset. Unit: nT. Default:
-            `["mag_c"]`.
+            process magnetometers separately uses their mean at each sample, and assumes that their
+            noise is independent. The offset (`offset_window_s`) is computed for each magnetometer.
+            Unit: nT. Default: `["mag_c"]`.
         core_field : bool, optional
-            Predicts the core field as part of the measurement. `false`: the measurement is an
-            anomaly. Default: `true`.
+            Adds the core field to the predicted measurement. `false` means that the measurement is
+            an anomaly. Default: `true`.
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement, so that the filter need not
             estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
             Unset: true if the flight has a column `diurnal` that has not yet been subtracted from
             the measurement.
         decimal_year : float, optional
-            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-            1900 to 2030. Unset: the flight's own date.
+            Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+            Allowed: 1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
             Interpolation of the map. The field above its sources is smooth, so spline interpolation
             is more accurate than bilinear interpolation. Unset: `cubic` with `tuning = "auto"`,
@@ -2915,43 +2986,49 @@ class StageMethods:
             is continued to the flight heights, otherwise it is used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
-            `track_map`); typically the spacing of its survey lines. The equivalent white noise is
-            added to the measurement noise of each sample. The map error is looked up at the
-            position that an extended Kalman filter predicts. Unit: m. Allowed: above 0. Unset: the
-            map is assumed to be exact; `tuning = "auto"` estimates a factor on the map's column
-            `error`, or on the interpolation error that the map implies.
+            `track_map`); typically the spacing of its survey lines. The correlated map error is
+            converted to equivalent white noise, which is added to the measurement noise of each
+            sample. The map error is interpolated at the position that an extended Kalman filter
+            predicts. Unit: m. Allowed: above 0. Unset: the map is assumed to be exact; `tuning =
+            "auto"` instead uses the map's column `error`, or the error of the map's interpolation,
+            times an estimated factor.
         offset_window_s : float, optional
-            Length of the window, from the start of a line, in which the mean of measurement minus
-            prediction is computed. This offset is subtracted from the measurements before
-            filtering, because compensation leaves a constant undetermined. 0 subtracts nothing.
-            Unit: s. Allowed: 0 or above. Default: `0.0`.
+            Length of the window at the start of a line in which an offset is computed: the mean of
+            measurement minus prediction. The offset is subtracted from all measurements of the line
+            before filtering, because compensation leaves a constant undetermined. 0 subtracts
+            nothing. Unit: s. Allowed: 0 or above. Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
             Standard deviation of the white noise of a measurement. It includes the noise of the
-            sensor, the map and the compensation. `"auto"` uses the residual of the calibration,
-            from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with
-            `tuning = "auto"`, otherwise 5.0.
+            sensor, the map and the compensation. `"auto"` uses the noise of the calibration
+            residual, from the column `mag_sigma`. Unit: nT. Allowed: above 0. Unset: the
+            maximum-likelihood estimate with `tuning = "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-            0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
+            0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"`, otherwise
+            3.0.
         fogm_tau_s : float | {"auto"}, optional
             Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-            s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
+            s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning = "auto"`,
+            otherwise 600.0.
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
-            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
-            added to the square of `measurement_sigma_nt`. A sample without a value in this column
-            has no measurement. Requires a single magnetometer. Unit: nT. Unset: equal noise at all
-            samples.
+            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. The square of
+            this standard deviation is added to the square of `measurement_sigma_nt`. A sample
+            without a value in this column has no measurement. Requires a single magnetometer. Unit:
+            nT. Unset: equal noise at all samples.
         start : {"auto", "fix", "alignment", "given"}, optional
-            Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
-            no longer apply after a few minutes. Default: `"auto"`.
+            Source of the initial estimate. `fix` corrects the INS with a position fix. `alignment`
+            propagates the `init_*` standard deviations from the alignment to the start of the line.
+            `given` applies the `init_*` standard deviations at the start of the line; the defaults
+            are valid only within minutes of the alignment, because an INS drifts. `auto` selects
+            one of the three from the keys and columns. Default: `"auto"`.
         fix : ListLike, optional
             Columns with the latitude (deg), longitude (deg) and height (m) of the fix. The first
-            values within 2 s of the line's start are used. White noise with the fix's standard
-            deviations is added to columns with the role truth. This noise is reproducible for each
-            line. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`,
-            `lon` and `alt`.
+            values within 2 s of the line's start are used. If the columns have the role truth,
+            white noise with the fix's standard deviations is added. The added noise of a line is
+            the same in every run. Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has
+            them, else `lat`, `lon` and `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity components: north, east and down. Unit: m/s. Unset:
             `gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve`
@@ -2965,23 +3042,25 @@ class StageMethods:
             Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
             Default: `0.1`.
         vector : str, optional
-            Vector magnetometer that gives the direction of the field, such as `flux_a`. For this
-            purpose, its noise and the aircraft field at its position are neglected. Unset: equal
-            noise in all attitudes.
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. The noise
+            of this magnetometer, and the aircraft field at its position, are neglected. Unset:
+            equal noise in all attitudes.
         sensor_axis : ListLike, optional
             Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
             Allowed: finite. Default: `[1.0,0.0,0.0]`.
         dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
-            Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
-            of the sensor's signal, and inversely proportional to the amplitude. A sample whose
-            amplitude is below a tenth of the largest gives no measurement. Default: `"none"`.
+            Dead zones of the scalar sensor: along its axis (`polar`), or also across its axis
+            (`polar_and_equatorial`). The assumed noise is inversely proportional to the amplitude
+            of the sensor's signal. At the largest amplitude, the noise is `measurement_sigma_nt`. A
+            sample whose amplitude is below a tenth of the largest gives no measurement. Default:
+            `"none"`.
         ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
-            Grade of the INS. It sets the INS keys `init_*`, `*_sigma*` and `*_tau_s` that are unset
-            in the spec. `magnav` uses the defaults shown for these keys. `navigation` is a
-            Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
-            sensors [Lee 2019, Tables 9 and 10]. These three grades have an exact position at
-            alignment (`init_position_sigma_m = 0`). Unset: `magnav`; `navigate` uses the flight's
-            column `ins_grade` instead if present.
+            Grade of the INS. The grade sets the INS keys (`init_*`, `*_sigma*` and `*_tau_s`) that
+            are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
+            a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
+            sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
+            `ins_grade`, if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -2995,24 +3074,24 @@ class StageMethods:
             Standard deviation of the initial tilt error about each axis. Unit: deg. Allowed: 0 or
             above. Default: `0.01`.
         init_heading_sigma_deg : float, optional
-            Standard deviation of the initial yaw error, the tilt about the down axis. In practice
-            it exceeds the tilt errors, because the INS finds north from the earth's rotation, a
-            much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial tilt
-            error.
+            Standard deviation of the initial yaw error, the tilt about the down axis. In practice,
+            the yaw error exceeds the other tilt errors, because the INS finds north from the
+            earth's rotation, a much weaker signal than gravity. Unit: deg. Allowed: 0 or above.
+            Unset: the initial tilt error.
         vrw_sigma : float, optional
-            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
-            above. Default: `0.000238`.
+            Velocity random walk: square root of the spectral density of the accelerometer noise.
+            Unit: m/s^1.5. Allowed: 0 or above. Default: `0.000238`.
         arw_sigma : float, optional
-            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
-            or above. Default: `5.81e-7`.
+            Angular random walk: square root of the spectral density of the gyro noise. Unit:
+            rad/s^0.5. Allowed: 0 or above. Default: `5.81e-7`.
         baro_sigma_m : float, optional
             Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
         ha_sigma_m : float, optional
-            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
-            Allowed: 0 or above. Default: `0.001`.
+            Standard deviation of the initial error of the altitude in the barometer loop, which
+            aids the INS height. Unit: m. Allowed: 0 or above. Default: `0.001`.
         a_hat_sigma_mps2 : float, optional
-            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
-            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+            Standard deviation of the initial error of the vertical acceleration in the barometer
+            loop, which aids the INS height. Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
         acc_sigma_mps2 : float, optional
             Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
             `0.000245`.
@@ -3034,16 +3113,16 @@ class StageMethods:
         gate_nis : float, optional
             For `ekf`, `iekf`, `ukf`, `nekf`, `ekf_online_tl`, `ekf_online_nn`, `slam`: Largest
             accepted NIS (squared innovation divided by its variance) of a measurement. Allowed:
-            above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+            above 0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before filtering.
             For `ekf_adaptive`: Largest accepted NIS (squared innovation divided by its variance) of
             a measurement. Rejected measurements are used only to estimate the noise. Allowed: above
-            0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
-            For `mpf`: Largest accepted NIS of a measurement, for the mean and variance of the whole
-            cloud. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the
-            filter.
-            For `mpf_then_ekf`: Largest accepted NIS of a measurement, for the mean and variance of
-            the whole cloud before the hand-over. Allowed: above 0. Unset: no gate; `tuning =
-            "auto"` rejects outliers before the filter.
+            0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before filtering.
+            For `mpf`: Largest accepted NIS of a measurement. The NIS is computed from the mean and
+            variance of the whole cloud of particles. Allowed: above 0. Unset: no gate; with `tuning
+            = "auto"`, outliers are rejected before filtering.
+            For `mpf_then_ekf`: Largest accepted NIS of a measurement. Before the hand-over, the NIS
+            is computed from the mean and variance of the whole cloud of particles. Allowed: above
+            0. Unset: no gate; with `tuning = "auto"`, outliers are rejected before filtering.
         discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `slam`, `crlb`: Discretisation of the process noise: `trapezoidal`
@@ -3054,9 +3133,9 @@ class StageMethods:
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times at which
             GNSS is lost and recovered, in seconds from the first sample of the line. Before the
             loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. With
-            `[0.0, 600.0]` the line starts without GNSS, which is recovered after ten minutes. A
-            recovery time after the end of the line means that GNSS is not recovered. Unit: s.
-            Allowed: 0 or above. Unset: GNSS is not used.
+            `[0.0, 600.0]`, GNSS is missing for the first ten minutes of the line. If the recovery
+            time is after the end of the line, GNSS is never recovered. Unit: s. Allowed: 0 or
+            above. Unset: GNSS is not used.
         gnss : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns with the
@@ -3080,66 +3159,70 @@ class StageMethods:
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
             to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-            `gnss_alt_sigma_m`. This noise is reproducible for each line. Without added noise,
-            simulated positions are exact, and the filter appears more accurate than with real GNSS.
-            Unset: true if `gnss` names columns whose role is `truth`.
+            `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
+            noise, true positions are exact, and the filter appears more accurate than with real
+            GNSS. Unset: true if the columns of `gnss` have the role `truth`.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each GNSS
-            position against the INS position, by a chi-square test of this position and by a
-            cumulative sum over earlier positions. Rejected positions are not used. A jump is
-            detected at once. A drift of 1 m/s is detected after about 10 s; all positions since the
-            start of the drift are then rejected. Positions are accepted again after ten consecutive
-            positions agree with the INS. `gnss_update` is appended even if this key is false.
-            Default: `true`.
+            position against the INS position and does not use rejected positions. A chi-square test
+            of each position detects a jump at once. A cumulative sum over earlier positions detects
+            a drift of 1 m/s after about 10 s. The test then also rejects the positions since the
+            start of the drift. Positions are accepted again after ten consecutive positions agree
+            with the INS. The column `gnss_update` (`used`, `rejected` or `none`) is appended even
+            if this key is false. Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. The
             difference between their readings, first minus second, measures the slope of the map
-            along the line between them. The temporal variation and all other common errors cancel
-            in this difference. Cannot be combined with `map_interpolation = "linear"`, because the
-            slope of a bilinear map has steps. Unit: nT. Unset: the difference is not used.
+            along the baseline between them. The temporal variation and all other common errors
+            cancel in this difference. This key cannot be combined with `map_interpolation =
+            "linear"`, because the slope of a bilinear map has steps. Unit: nT. Unset: the
+            difference is not used.
         gradient_baseline_m : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Vector from the second magnetometer of `gradient`
-            to the first, in the body frame (nose, right, down). The attitude of the INS rotates
-            this vector to the navigation frame. The estimated error of this attitude is part of the
-            measurement model. Unit: m. Allowed: finite. Unset: required with `gradient`.
+            to the first, in the body frame (nose, right, down). The INS attitude rotates this
+            vector to the navigation frame. The measurement model includes the estimated error of
+            the INS attitude. Unit: m. Allowed: finite. Unset: required with `gradient`.
         gradient_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of the
-            difference. Unit: nT. Allowed: above 0. Default: `0.1`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise in the
+            difference between the two magnetometers' readings. Unit: nT. Allowed: above 0. Default:
+            `0.1`.
         gradient_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying error of
-            the difference. It can result from the undetermined constants of the two calibrations.
-            Unit: nT. Allowed: 0 or above. Default: `1.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying error in
+            the difference between the two magnetometers' readings. Such an error is likely, because
+            each calibration leaves a constant undetermined. Unit: nT. Allowed: 0 or above. Default:
+            `1.0`.
         gradient_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying error of the
-            difference. Unit: s. Allowed: above 0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying error in the
+            difference between the two magnetometers' readings. Unit: s. Allowed: above 0. Default:
+            `3600.0`.
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
-            along the line between the magnetometers. Multiplied by the baseline, this error gives
-            an error of the difference. Like the map's anomalies, it is correlated along the track.
-            `"auto"` uses the maximum-likelihood value from the innovations of the difference. A
-            large value can reveal a map made from widely spaced lines. For a map without a vertical
-            slope (one height, no `map_levels_m`), the error of the difference is increased by the
-            product of the vertical baseline and the rms slope. Unit: nT/m. Allowed: 0 or above.
-            Default: `auto`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error in the map's slope
+            along the baseline. The error of the predicted difference is this error times the length
+            of the baseline. The error is correlated along the track, over the same length as the
+            map's anomalies. `"auto"` uses the maximum-likelihood value from the innovations of the
+            difference. A large value can reveal a map made from widely spaced lines. A map at one
+            height without `map_levels_m` has no vertical slope. The prediction then has an
+            additional error: the height difference between the magnetometers times the rms slope.
+            Unit: nT/m. Allowed: 0 or above. Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses the scalar measurement `mag` in the
-            measurement update. With `false`, the update uses only the difference and the vector
-            measurement, for example in a magnetic storm. Default: `true`.
+            measurement update. `false` ignores `mag`, for example in a magnetic storm, and requires
+            the difference (`gradient`) or the vector (`vector_sigma_nt`). Default: `true`.
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
-            component of `vector`. If set, the reading of the vector magnetometer becomes a
-            measurement of the total field and of the attitude, except for the rotation about the
-            field direction. Requires `core_field` and a vector magnetometer with its own
-            calibration. Unit: nT. Allowed: above 0. Unset: the vector is not used.
+            component of `vector`. If set, the vector magnetometer measures the total field and the
+            attitude, except for rotation about the field direction. This key requires `core_field =
+            true` and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the
+            vector is not a measurement.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component
@@ -3147,18 +3230,17 @@ class StageMethods:
             of 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
         vector_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above
-            0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the bias of each component of
+            `vector`. Unit: s. Allowed: above 0. Default: `3600.0`.
         vector_crustal_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the part of each component
-            of the crustal field that a map of the scalar anomaly does not determine. A typical
-            value is the standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default:
-            `50.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation, per component, of the crustal
+            field that a map of the scalar anomaly leaves undetermined. A typical value is the
+            standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the part of the crustal
-            field that `vector_crustal_sigma_nt` describes; typically the height above the sources.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the crustal field that
+            `vector_crustal_sigma_nt` describes. A typical value is the height above the sources.
             Unit: m. Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
@@ -3171,17 +3253,18 @@ class StageMethods:
             measured height. Unit: m. Allowed: above 0. Default: `3.0`.
         height_bias_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying height
-            error due to the weather and the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slowly varying error of
+            the measured height, caused by the weather and the geoid. Unit: m. Allowed: 0 or above.
+            Default: `30.0`.
         height_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying height error.
-            Unit: s. Allowed: above 0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slowly varying error of the
+            measured height. Unit: s. Allowed: above 0. Default: `3600.0`.
         map_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error. If set, the
-            error is a state of the filter, correlated along the track. Unit: nT. Allowed: 0 or
-            above. Unset: the map error is not estimated.
+            filter estimates the map error as a state that is correlated along the track. Unit: nT.
+            Allowed: 0 or above. Unset: the map error is not estimated.
         map_sigma_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Distance over which the autocorrelation of the map
@@ -3189,44 +3272,48 @@ class StageMethods:
         mag_latency_sigma_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of the lag of the
-            magnetometer's time stamps. If set, the lag is a state of the filter and constant along
-            the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative.
-            0 omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
-            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are assumed to be
-            exact; `tuning = "auto"` sets 1.0 if a lag clearly increases the likelihood.
+            magnetometer's time stamps. If set, the filter estimates the lag as a state that is
+            constant along the line. A sample with time stamp `t` was measured at `t` minus the lag.
+            The lag may be negative. 0 omits this state. The columns `mag_latency` and
+            `mag_latency_sigma` are appended. This key is available in `ekf`, `iekf` and `ukf`.
+            Unit: s. Allowed: 0 or above. Unset: time stamps are assumed to be exact; `tuning =
+            "auto"` sets 1.0 if a state for the lag clearly increases the likelihood.
         map_height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of a height bias: the
-            true height of the aircraft minus its assumed height on the map. Causes are a constant
-            error of the barometer, a missing geoid height, and a wrong map height. If set, the bias
-            is a state of the filter and constant along the line. It changes only the prediction of
-            the total field, not `alt`. Requires a map that is continued to a range of heights that
-            contains the bias. Set `map_levels_m`, or `tuning = "auto"`, which continues the map to
-            twice this value below and above the line. 0 omits this state. Appends `map_height_bias`
-            and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0
-            or above. Unset: the height is assumed to be exact; `tuning = "auto"` sets 50 if the
-            bias is within the levels of the map and clearly increases the likelihood.
+            true height of the aircraft minus its assumed height on the map. Possible causes are a
+            constant error of the barometer, a missing geoid height, and a wrong map height. If set,
+            the filter estimates the bias as a state that is constant along the line. The bias
+            changes only the predicted total field, not `alt`. The heights to which the map is
+            continued must include the true height of the aircraft. With `tuning = "auto"`, the map
+            is continued to twice this standard deviation below and above the line. Otherwise, set
+            `map_levels_m`. 0 omits this state. The columns `map_height_bias` and
+            `map_height_bias_sigma` are appended. This key is available in `ekf`, `iekf` and `ukf`.
+            Unit: m. Allowed: 0 or above. Unset: the height is assumed to be exact; `tuning =
+            "auto"` sets 50 if a bias clearly increases the likelihood. Unless `map_levels_m` is
+            set, it then continues the map up to 100 m below and above the line.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change in the aircraft's
-            permanent field since calibration, per component (nose, right, down). The three
-            components are additional states. Their effect on the total field follows from the
-            attitude and the core field. A constant offset with a standard deviation of 100 nT is a
-            fourth state. Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf`
-            and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning = "auto"` estimates it by
-            maximum likelihood if these states clearly increase the likelihood.
+            permanent field since calibration, per component (nose, right, down). The filter
+            estimates the three components as additional states. The attitude and the core field
+            determine the effect of these components on the total field. A fourth state is a
+            constant offset with a standard deviation of 100 nT. 0 omits these states. This key
+            requires `core_field = true`, and is available in `ekf`, `iekf` and `ukf`. Unit: nT.
+            Allowed: 0 or above. Unset: 0; `tuning = "auto"` estimates the value by maximum
+            likelihood if these states clearly increase the likelihood.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change in the permanent
-            field. Unit: s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`,
-            otherwise the change is constant along the line.
+            field. Unit: s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning =
+            "auto"`, otherwise the change is constant along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Upper limit on the ratio of the measurement's
-            standard deviation to the map's horizontal slope. Above this limit the map is too flat
-            to observe the position. The sample is then `flat`: it corrects only the temporal
-            variation and the map error. Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all
-            samples correct the position.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Largest ratio of measurement noise (standard
+            deviation) to the map's horizontal slope at which a sample corrects the position. At a
+            larger ratio, the map is too flat to observe the position. The sample is then `flat`: it
+            corrects only the temporal variation and the map error. The column `map_slope` is
+            appended. Unit: m. Allowed: above 0. Unset: all samples correct the position.
         iterations : int, optional
             For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
             Default: `5`.
@@ -3236,20 +3323,21 @@ class StageMethods:
             For `iekf`: Position change per iteration below which the iteration ends. Unit: m.
             Allowed: above 0. Default: `0.1`.
             For `rts`: Limit on the position change. The iteration ends when no position on the line
-            changes by more in one iteration. Unit: m. Allowed: above 0. Default: `0.1`.
+            changes by more than this limit. Unit: m. Allowed: above 0. Default: `0.1`.
         alpha : float, optional
-            For `ukf`: Scale factor of the distance of the outer points from the centre. Allowed:
-            above 0. Default: `1.0`.
+            For `ukf`: Scale factor on the distance of the outer sigma points from the central one.
+            Allowed: above 0. Default: `1.0`.
         beta : float, optional
-            For `ukf`: Parameter of the central sigma point, whose weight in the covariance exceeds
-            its weight in the mean by 1 - alpha² + beta. The minimum is -alpha² kappa/3. Averaged
-            over directions, the variance computed for the nonlinearity of the field is (5 + 4
-            beta)/8 of the true variance. With a beta of 2, the filter is therefore cautious.
-            Allowed: finite. Default: `2.0`.
+            For `ukf`: Parameter in the weight of the central sigma point: the weight in the
+            covariance exceeds the weight in the mean by 1 - alpha² + beta. The minimum of beta is
+            -alpha² kappa/3. The filter computes the variance due to the nonlinearity of the field.
+            Averaged over directions, the computed variance is (5 + 4 beta)/8 of the true variance.
+            With a beta of 2, the filter is therefore cautious. Allowed: finite. Default: `2.0`.
         kappa : float, optional
-            For `ukf`: Parameter of the outer points, which are alpha sqrt(3 + kappa) standard
-            deviations from the centre. It must be above -3. With 0, the gain is exact to the fourth
-            moment of a normal distribution. Allowed: finite. Default: `0.0`.
+            For `ukf`: Parameter in the distance of the outer sigma points from the central one,
+            which is alpha sqrt(3 + kappa) standard deviations. `kappa` must be above -3. With 0,
+            the gain is exact to the fourth moment of a normal distribution. Allowed: finite.
+            Default: `0.0`.
         adapt : {"r", "q", "both"}, optional
             For `ekf_adaptive`: Noise that is estimated: measurement noise (`"r"`), process noise
             (`"q"`), or both. Default: `"r"`.
@@ -3270,9 +3358,9 @@ class StageMethods:
         form : {"residual", "matched", "compatible"}, optional
             For `ekf_adaptive`: Estimator of the noise. `"residual"` uses the a posteriori residual
             of each measurement. `"matched"`, the default of version 1, subtracts from each squared
-            innovation the covariance predicted at that time. `"compatible"`, as in MagNav.jl,
-            starts at the mean of the bounds and subtracts the present covariance from all squared
-            innovations. Default: `"residual"`.
+            innovation the variance predicted for the same sample. `"compatible"`, as in MagNav.jl,
+            starts at the mean of the bounds and subtracts the variance predicted for the present
+            sample from all squared innovations. Default: `"residual"`.
         features : ListLike | str, optional
             For `nekf`: Columns that are additional inputs of the network, such as electric
             currents. Values that are not finite are rejected. Unset: none.
@@ -3281,23 +3369,23 @@ class StageMethods:
         save_inputs : bool, optional
             For `nekf`: Appends the inputs of the network before standardisation. Default: `false`.
         walk_per_hour : float, optional
-            For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
-            hour, divided by its prior standard deviation. With 0 the coefficients are constants. In
-            a cold start the default is 0, because the wide prior does not describe changes in
-            flight. Allowed: 0 or above. Unset: 0.1 with `model`, else 0.0.
-            For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
-            prior standard deviation; 0 for constant coefficients. Allowed: 0 or above. Default:
-            `0.0`.
+            For `ekf_online_tl`: Random walk of a coefficient: standard deviation of the change in
+            one hour, divided by the prior standard deviation. With 0 the coefficients are
+            constants. In a cold start the default is 0, because the wide prior does not describe
+            changes in flight. Allowed: 0 or above. Unset: 0.1 with `model`, else 0.0.
+            For `fixed_lag`: Random walk of a coefficient: standard deviation of the change in one
+            hour, divided by the prior standard deviation. With 0 the coefficients are constants.
+            Allowed: 0 or above. Default: `0.0`.
         flux_bias_sigma_nt : float, optional
-            For `ekf_online_tl`: Standard deviation of the bias of each axis of `vector`, from which
-            the terms are computed. If set, these biases are estimated. Unit: nT. Allowed: above 0.
-            Unset: `vector` is exact.
+            For `ekf_online_tl`: Standard deviation of the bias of each axis of `vector`, the
+            magnetometer of the terms. If set, the filter estimates these biases. Unit: nT. Allowed:
+            above 0. Unset: `vector` is assumed to be exact.
         flux_bias_tau_s : float, optional
-            For `ekf_online_tl`: Time constant of these biases. Unit: s. Allowed: above 0. Unset:
-            the bias is constant.
+            For `ekf_online_tl`: Time constant of the biases of `vector`. Unit: s. Allowed: above 0.
+            Unset: the biases are constant.
         bt_scale_nt : float, optional
-            For `ekf_online_tl`: Field scale of the terms, as in the `a_matrix` stage that computes
-            them. Unit: nT. Allowed: above 0. Default: `50000.0`.
+            For `ekf_online_tl`: Field scale of the terms: `bt_scale_nt` of the `a_matrix` stage
+            that computes the terms. Unit: nT. Allowed: above 0. Default: `50000.0`.
         terms : str, optional
             For `ekf_online_tl`, `fixed_lag`: List column of the terms, as made by `a_matrix`.
             Default: `"tl"`.
@@ -3310,29 +3398,31 @@ class StageMethods:
             induced coefficient, unless `model` supplies a prior. Unit: nT. Allowed: above 0.
             Default: `1000.0`.
         eddy_sigma_nt_s : float, optional
-            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of an eddy coefficient. Its
-            term is the change of the field from sample to sample divided by the scale. The value is
-            multiplied by the sample rate of the line. Unit: nT s. Allowed: above 0. Default:
-            `500.0`.
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of an eddy coefficient at one
+            sample per second. An eddy term contains the change of the field from one sample to the
+            next, so this value is multiplied by the sample rate of the line. Unit: nT s. Allowed:
+            above 0. Default: `500.0`.
         bias_sigma_nt : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of the constant `bias`. Unit:
             nT. Allowed: above 0. Default: `500.0`.
         input_sigma_nt : float, optional
-            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of any other term, such as an
-            electric current, in nT per unit of its column. A current loop in the cabin causes a few
-            nT per ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of the coefficient of any
+            other term, such as an electric current, in nT per unit of the term. A current loop in
+            the cabin causes a few nT per ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
         heading_error_sigma_nt : float, optional
             For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of each harmonic of the
-            magnetometer's heading error: the first, second and fourth harmonics of the angle
-            between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
-            `vector`. Unit: nT. Allowed: above 0. Unset: the heading error is not estimated.
+            magnetometer's heading error. The terms `heading_1`, `heading_2` and `heading_4` are the
+            first, second and fourth harmonics of the angle between the sensor axis and the field.
+            This key requires `vector`. Unit: nT. Allowed: above 0. Unset: the heading error is not
+            estimated.
         prior_factor : float, optional
             For `ekf_online_tl`, `fixed_lag`: Factor on the prior standard deviations from `model`.
-            For one calibration, these are the standard deviations of its fit. For several, they are
-            the scatter between the calibrations. Coefficients of differences per sample are
-            converted from the rate of the fit to the rate of the line. At rates below about 5 Hz,
-            the differences are inaccurate in manoeuvres. They underestimate a change at frequency f
-            by the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+            A single calibration supplies the standard deviations of its fit. Several calibrations
+            supply the scatter between them. Some terms, such as eddy terms, are differences between
+            samples. The coefficients of these terms are converted from the sample rate of the fit
+            to the sample rate of the line. At rates below about 5 Hz, the differences are
+            inaccurate in manoeuvres: they underestimate a change at frequency f by the fraction (2
+            pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
         hidden : int, optional
             For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
             `8`.
@@ -3347,8 +3437,9 @@ class StageMethods:
             For `ekf_online_nn`: Number of training passes over the samples. Allowed: 1 to 1000.
             Default: `10`.
         memory_s : float, optional
-            For `ekf_online_nn`: Time over which the weights are expected to change by their
-            standard deviation at the end of training. Unit: s. Allowed: above 0. Default: `3600.0`.
+            For `ekf_online_nn`: Time in which the random walk changes each weight by at least the
+            weight's standard deviation at the end of training. Unit: s. Allowed: above 0. Default:
+            `3600.0`.
         save_weights : bool, optional
             For `ekf_online_nn`: Appends the weights at each sample: the input weights of each
             hidden unit, the biases of the units, the output weights, and the output bias. Default:
@@ -3356,8 +3447,8 @@ class StageMethods:
         window_s : float, optional
             For `fixed_lag`: Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
         overlap : float, optional
-            For `fixed_lag`: Fraction of a window that the next window shares: windows end every
-            `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+            For `fixed_lag`: Fraction of a window that overlaps with the next window. Windows end
+            every `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
         lag_s : float, optional
             For `fixed_lag`: Delay of the estimate, which uses measurements up to this time after
             the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
@@ -3365,10 +3456,8 @@ class StageMethods:
             For `fixed_lag`: Interval over which measurements are averaged into one. 0 uses every
             sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
         loss : {"none", "huber", "cauchy"}, optional
-            For `fixed_lag`: Loss function of a residual: quadratic, or robust to outliers. Default:
-            `"none"`.
-            For `rts`: Loss function of a residual: quadratic, Huber's, or Cauchy's. Default:
-            `"none"`.
+            For `fixed_lag`, `rts`: Loss function of a residual: quadratic (`none`), or robust to
+            outliers (`huber`, `cauchy`). Default: `"none"`.
         loss_scale : float, optional
             For `fixed_lag`: Residual above which a robust `loss` departs from the quadratic loss,
             in standard deviations of the measurement. Allowed: above 0. Default: `2.5`.
@@ -3377,40 +3466,42 @@ class StageMethods:
             2.385 with `cauchy` (95 % efficiency for normal noise).
         aircraft_sigma_nt : float, optional
             For `fixed_lag`: Standard deviation of the slowly varying aircraft field that the
-            coefficients do not explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or
-            0 if `tuning = "auto"` estimates the noise of the line, which then includes it.
+            coefficients do not explain. 0 assumes no such field. Unit: nT. Allowed: 0 or above.
+            Unset: 30.0, or 0 if `tuning = "auto"` estimates the noise of the line: the estimated
+            noise then includes this field.
         aircraft_tau_s : float, optional
-            For `fixed_lag`: Time constant of this slowly varying aircraft field. Unit: s. Allowed:
-            above 0. Default: `300.0`.
+            For `fixed_lag`: Time constant of the slowly varying aircraft field that the
+            coefficients do not explain. Unit: s. Allowed: above 0. Default: `300.0`.
         particles : int, optional
-            For `mpf`: Number of particles: 1000 if the INS position is known to within hundreds of
-            metres; 10,000 if it is off by kilometres, or if a measurement is as precise as
-            `gradient`. Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox
-            2003) over squares of side `smooth_over_m`; appends `particles`.
-            For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to
-            50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`.
+            For `mpf`: Number of particles. Use 1000 if the INS position is known to within hundreds
+            of metres. Use 10,000 if the INS position is uncertain by kilometres, or with a
+            measurement as precise as `gradient`. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by
+            KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; the column `particles` is
+            then appended.
+            For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: 1000 to 50,000,
+            by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`.
             For `slam`: Number of particles. They must cover the drift between revisits densely, so
             a less accurate INS requires more particles. Allowed: 2 to 1000000. Default: `1000`.
         resample_threshold : float, optional
             For `mpf`: Effective number of particles, as a fraction of their number, below which the
-            particles are resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only
-            adds noise. Allowed: 0 to 1. Default: `0.5`.
+            particles are resampled. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more
+            often and only adds noise. Allowed: 0 to 1. Default: `0.5`.
         regularise : bool, optional
             For `mpf`: Resamples from a kernel density. The position error of a good INS has almost
             no process noise, so without the kernel density only copies of a few particles remain.
             The covariance is then far too small. Default: `true`.
         smooth_over_m : float, optional
             For `mpf`: Distance over which the map is nearly linear; typically its height above the
-            sources. A wider cloud of particles has one kernel for each of its parts. The slope that
-            `gradient` measures is linear over a third of this distance. Unit: m. Allowed: above 0.
-            Default: `200.0`.
+            sources. A wider cloud of particles is divided into parts with one kernel each. With
+            `gradient`, set a third of this distance, over which the slope of the map is nearly
+            linear. Unit: m. Allowed: above 0. Default: `200.0`.
             For `mpf_then_ekf`: Distance over which the map is nearly linear; typically its height
-            above the sources. A wider cloud of particles has one kernel for each of its parts.
-            Unit: m. Allowed: above 0. Default: `200.0`.
+            above the sources. A wider cloud of particles is divided into parts with one kernel
+            each. Unit: m. Allowed: above 0. Default: `200.0`.
         roughening : float, optional
-            For `mpf`: Standard deviation of the position noise of each resampled particle, per
-            axis. Its unit is the range of the particles divided by the square root of their number.
-            Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
+            For `mpf`: Standard deviation, per axis, of position noise that is added to each
+            resampled particle. The unit is the range of the particles divided by the square root of
+            their number. Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
         save_modes : bool, optional
             For `mpf`: Appends the three most probable modes of the position to each sample. The run
             time of the filter then increases by 50 %. Default: `false`.
@@ -3425,8 +3516,9 @@ class StageMethods:
             recent (`"nearest_neighbour"`), by the regression of Lee 2019 (`"regression"`), or by
             inverse distance (`"inverse_distance"`). Default: `"nearest_neighbour"`.
         hyperparameters : {"fitted", "fixed"}, optional
-            For `slam`: Source of the three hyper-parameters: a maximum-likelihood fit to the first
-            part of the flight, or the spec. Default: `"fitted"`.
+            For `slam`: Source of the hyper-parameters `sigma_se_nt`, `length_m` and `sigma_n_nt`: a
+            maximum-likelihood fit to the first part of the flight (`fitted`), or the spec
+            (`fixed`). Default: `"fitted"`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             For `slam`: Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -3434,35 +3526,35 @@ class StageMethods:
             the value of the Louisa flight in Lee 2019.
         length_m : float, optional
             For `slam`: Correlation length of the anomaly. Unit: m. Allowed: above 0. Unset: 150 m,
-            the value of the same flight.
+            the value of the Louisa flight in Lee 2019.
         sigma_n_nt : float, optional
             For `slam`: Standard deviation of the white part of the anomaly, in addition to the
-            measurement noise. Unit: nT. Allowed: 0 or above. Unset: 1 nT, the value of the same
-            flight.
+            measurement noise. Unit: nT. Allowed: 0 or above. Unset: 1 nT, the value of the Louisa
+            flight in Lee 2019.
         fit_window_s : float, optional
-            For `slam`: Length of the first part of the flight, to which the hyper-parameters are
-            fitted. Unit: s. Allowed: above 0. Default: `600.0`.
+            For `slam`: Length of the part at the start of the flight to which the hyper-parameters
+            are fitted. Unit: s. Allowed: above 0. Default: `600.0`.
         neighbours : int, optional
             For `slam`: Maximum number of earlier samples in a prediction. Allowed: 1 to 20.
             Default: `12`.
         ignore_s : float, optional
-            For `slam`: Time before a sample in which other samples do not count as earlier samples.
-            Unit: s. Allowed: 0 or above. Default: `30.0`.
+            For `slam`: Minimum time between the present sample and an earlier sample that is
+            compared with it. Unit: s. Allowed: 0 or above. Default: `30.0`.
         trigger_radius_m : float, optional
-            For `slam`: Radius within which earlier samples count as a revisit. A sample is a
-            revisit if more than `trigger_points` earlier samples lie within this radius. Unit: m.
-            Allowed: above 0. Unset: 18 m, or 1.6 times the distance between samples.
+            For `slam`: Radius of the test for a revisit. A sample is a revisit if more than
+            `trigger_points` earlier samples lie within this radius. Unit: m. Allowed: above 0.
+            Unset: the larger of 18 m and 1.6 times the distance between samples.
         trigger_points : int, optional
-            For `slam`: Number of earlier samples within `trigger_radius_m` that must be exceeded
-            for a revisit. Default: `2`.
+            For `slam`: Number of earlier samples within `trigger_radius_m` above which a sample is
+            a revisit. Default: `2`.
         interpolation_radius_m : float, optional
             For `slam`: Radius within which earlier samples are used for a prediction. Unit: m.
             Allowed: above 0. Unset: half the correlation length, at most 0.4 of the distance flown
             in `ignore_s`.
         max_height_difference_m : float, optional
             For `slam`: Maximum height difference between a sample and the earlier samples that
-            predict it. Smaller differences increase the variance of those samples. Unit: m.
-            Allowed: 0 or above. Default: `100.0`.
+            predict it. Within this limit, the assumed variance of an earlier sample increases with
+            the height difference. Unit: m. Allowed: 0 or above. Default: `100.0`.
         interpolant_sigma_nt : float, optional
             For `slam`: Standard deviation of an inverse-distance-weighted prediction. Unit: nT.
             Allowed: above 0. Default: `10.0`.
@@ -3475,18 +3567,19 @@ class StageMethods:
         smooth_measurements : int, optional
             For `slam`: Maximum number of measurements in the smoother. A longer flight is divided
             into this number of groups of samples. Samples near the middle of each group are
-            averaged, and the others are omitted. Computing time is proportional to the third power
-            of this number. Allowed: 2 to 5000. Default: `1000`.
+            averaged, and the other samples are omitted. Computing time is proportional to the third
+            power of this number. Allowed: 2 to 5000. Default: `1000`.
         smooth_sigma_nt : float, optional
-            For `slam`: Standard deviation of the white noise of a measurement in the smoother. The
-            particles assume more noise because there are few of them. Unit: nT. Allowed: above 0.
-            Unset: the assumed noise of the particles.
+            For `slam`: Standard deviation of the white noise of a measurement in the smoother. A
+            small number of particles requires a larger assumed noise; the smoother does not. Unit:
+            nT. Allowed: above 0. Unset: the assumed noise of the particles.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -3522,9 +3615,9 @@ class StageMethods:
 
         By default, the map is used at its own height, and `map_grad_u` is 0. `map_levels_m` gives
         the heights to which the map is continued. The stage interpolates between these levels, so
-        that the values follow climbs and descents. The result is NaN for a sample more than half a
-        step above or below the levels. Downward continuation amplifies short wavelengths, so keep
-        the levels at or above the height of the map.
+        that the values follow climbs and descents. The result is NaN for a sample that is outside
+        the levels by more than half the distance between two levels. Downward continuation
+        amplifies short wavelengths, so keep the levels at or above the height of the map.
 
         Parameters
         ----------
@@ -3534,9 +3627,9 @@ class StageMethods:
             Input: map.
         position : {"truth", "ins"}, optional
             Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the
-            INS position. Columns computed at the true position have the role truth, so using them
-            as features requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`,
-            `ins_lon` and `ins_alt`, otherwise the true position.
+            INS position. Columns computed at the true position have the role truth; a model can use
+            them as features only with `allow_truth`. Unset: the INS position if the flight has
+            `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
             Interpolation of the map. The field above its sources is smooth, so spline interpolation
             is more accurate than bilinear interpolation. Default: `"cubic"`.
@@ -3547,8 +3640,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -3584,27 +3678,29 @@ class StageMethods:
         """Appends measures of a map's usefulness for navigation along a planned or flown track.
 
         `map_gradient_n` and `map_gradient_e` are the slopes of the map to the north and east, and
-        `map_gradient` is the magnitude of the slope. `map_sd_sample` is the position accuracy of
-        one measurement along that slope. `map_sd_expected` is the expected root mean square
-        horizontal error from the measurements within `window_s` about the sample. Use `map_quality`
-        to plan flights over informative parts of a map, and to find where the map limits the
-        accuracy of any filter.
+        `map_gradient` is the magnitude of the slope. `map_sd_sample` is the standard deviation of
+        the position, along that slope, from one measurement. `map_sd_expected` is the expected root
+        mean square horizontal error from the measurements within `window_s` about the sample. Use
+        `map_quality` to plan flights over informative parts of a map, and to find where the map
+        limits the accuracy of any filter.
 
-        `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the
-        square root of the trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g
-        in the window. It holds for an unbiased filter that has exact knowledge of its motion within
-        the window but no earlier position. It assumes independent sample errors with standard
-        deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
-        variation are correlated. In this case, multiply `sigma_nt` by the square root of the number
-        of correlated samples. `unknown_constant` subtracts the mean slope, which gives the bound
-        for a measurement with an unknown constant. `map_position_bound` of `score` is this bound
-        over the whole line.
+        `map_sd_sample` is `sigma_nt` divided by `map_gradient`. `map_sd_expected` is the Cramér-Rao
+        bound: the square root of the trace of the inverse Fisher information sum(g g')/`sigma_nt`^2
+        of the slopes g in the window. The bound holds for an unbiased filter that has exact
+        knowledge of its motion within the window but no earlier position. The bound assumes
+        independent sample errors with standard deviation `sigma_nt`. At ten samples per second,
+        however, errors of the map and of the temporal variation are correlated. In this case,
+        multiply `sigma_nt` by the square root of the number of samples within the correlation time.
+        `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an
+        unknown constant. `map_position_bound` of `score` is the bound with an unknown constant over
+        the whole line.
 
         All columns are NaN for a sample off the map, in a cell with an unknown node, or without a
-        position. Both bounds are NaN where the map is flat. `map_sd_expected` is also NaN where all
-        slopes in the window have one direction. The slope of the core field is not included.
+        position. Both standard deviations are NaN where the map is flat. `map_sd_expected` is also
+        NaN where all slopes in the window have one direction. The slope of the core field is not
+        included.
 
-        A line without a sample on the map is rejected, and so are times that do not increase.
+        A line is rejected if none of its samples is on the map, or if its times do not increase.
 
         Parameters
         ----------
@@ -3614,8 +3710,8 @@ class StageMethods:
             Input: map.
         position : {"truth", "ins"}, optional
             Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the
-            INS position. Columns computed at the true position have the role truth, so using them
-            as features requires `allow_truth`. Default: `"truth"`.
+            INS position. Columns computed at the true position have the role truth; a model can use
+            them as features only with `allow_truth`. Default: `"truth"`.
         sigma_nt : float, optional
             Standard deviation of the error of each sample, including errors of the sensor, the map
             and the compensation. Unit: nT. Allowed: above 0. Default: `5.0`.
@@ -3633,8 +3729,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -3683,20 +3780,20 @@ class StageMethods:
         crossings, removes outliers, and fits a surface.
 
         Use `map_grid` to make a navigation map from the survey lines that `where` selects.
-        `equivalent_sources` gives a potential field on a level, which can be continued. By default
-        the level is the height of the highest point. `minimum_curvature` interpolates at the
-        heights flown and requires no heights. Levelling is part of this stage because crossings are
-        found among the points that are gridded, in the map's coordinates and after the reduction to
-        blocks. Do not grid the lines that are navigated: the map would then contain the field along
-        them.
+        `equivalent_sources` gives a potential field at one height, by default the height of the
+        highest point. The potential field can be continued to other heights. `minimum_curvature`
+        interpolates the values at the flight heights, and does not require heights. Levelling is
+        part of this stage because it uses the crossings of the points that are gridded: in the
+        map's coordinates, after the reduction to blocks. Do not grid the lines that are navigated,
+        because the map would then contain the field measured along these lines.
 
         These points are omitted: points without a position, a value or, for equivalent sources, a
         height; duplicates; outliers along a line; points far from all others; and lines of fewer
         than five points. These inputs are rejected: a level below the points, a spacing wider than
         the area, levelling of lines that do not cross, and a core field for points without a date.
 
-        With `cross_validate`, every line is predicted from other lines. The column `error` then
-        holds the expected error of each node.
+        With `cross_validate`, every line is predicted from a map of other lines. The column `error`
+        then holds the expected error of each node.
 
         Parameters
         ----------
@@ -3716,8 +3813,8 @@ class StageMethods:
             Order of the polynomial that levels each line: 0 for a constant, 1 for a linear
             correction, and so on. Allowed: 0 to 8. Unset: no levelling.
         crossing_height_m : float, optional
-            Largest height difference between two lines at a crossing. Unit: m. Allowed: 0 or above.
-            Default: `50.0`.
+            Largest height difference between two lines at a crossing that is used for levelling.
+            Unit: m. Allowed: 0 or above. Default: `50.0`.
         method : {"equivalent_sources", "minimum_curvature"}, optional
             Gridding method. Default: `"equivalent_sources"`.
         spacing_m : float, optional
@@ -3732,7 +3829,7 @@ class StageMethods:
             Tension of the minimum-curvature surface. Allowed: 0 to 1. Default: `0.25`.
         bounds : ListLike, optional
             West, south, east and north bounds of the map: eastings and northings in metres. Unit:
-            m. Unset: all points.
+            m. Unset: the extent of all points.
         block_m : float, optional
             Side of the blocks to which points are reduced. 0 keeps every point. Unit: m. Allowed: 0
             or above. Unset: a quarter of the distance between lines, at most 200 m.
@@ -3740,11 +3837,10 @@ class StageMethods:
             Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
             Unit: m. Unset: twice the distance between lines.
         keep_outliers : bool, optional
-            Keeps points that deviate from their line, and points far from all others. Default:
-            `false`.
+            Keeps outliers along a line, and points far from all others. Default: `false`.
         cross_validate : int, optional
-            Omits every n-th line in turn and predicts it from the others. Allowed: 2 to 65535.
-            Unset: no cross-validation.
+            Number n of folds of the cross-validation: every n-th line is omitted in turn and
+            predicted from the other lines. Allowed: 2 to 65535. Unset: no cross-validation.
         to_epsg : int, optional
             EPSG code of the map's coordinate system. Allowed: 1 to 65535. Unset: the coordinate
             system of the points, or their UTM zone.
@@ -3752,8 +3848,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -3804,29 +3901,32 @@ class StageMethods:
         """Makes a map from the measurements of lines at the positions of their tracks, by
         reduced-rank Gaussian-process regression.
 
-        `sd` is the standard deviation of each node.
+        `sd` is the standard deviation of the map error at each node.
 
         Use `track_map` to plot and score an anomaly that was measured without a map, and to
         navigate on it. `track` is the table of a `navigate` stage, for example with the filter
-        `slam`. Its `lat`, `lon` and `alt` are the positions of the measurements in `input`. Without
-        `track`, the positions are the flight's own `lat`, `lon` and `alt`, from GNSS. If the survey
-        lines require levelling and the removal of outliers, use `map_grid`.
+        `slam`. The columns `lat`, `lon` and `alt` of `track` are the positions of the measurements
+        in `input`. Without `track`, the positions are the flight's own `lat`, `lon` and `alt`, from
+        GNSS. If the survey lines require levelling and the removal of outliers, use `map_grid`.
 
         The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
         of the lines. The number of equations therefore does not depend on the length of the flight.
         Each line may have its own constant, and each flight its own temporal variation. The kernel
-        is the same as in `slam`, fitted by maximum likelihood to segments of the lines. The map is
-        at the mean height of the measurements; height differences are treated as noise.
+        (covariance function) is the same as in `slam`. Its hyper-parameters are fitted by maximum
+        likelihood to segments of the lines. The map is at the mean height of the measurements;
+        height differences are treated as noise.
 
-        The effect of the track's position covariance (`sd_n`, `sd_e`, `cov_ne`) on a sloping map
-        counts as measurement noise and is included in `sd`. An error common to the whole track
-        shifts the map. The measurements do not reveal it, so `sd` is only as accurate as the
-        covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
+        On a sloping map, a position error of the track causes an error of the field. This error is
+        computed from the track's covariance (`sd_n`, `sd_e`, `cov_ne`), treated as measurement
+        noise, and included in `sd`. A position error common to the whole track shifts the map. The
+        measurements do not reveal this shift, so `sd` is only as accurate as the covariance of the
+        track. Nodes with an `sd` above `max_sd_nt` are unknown.
 
-        Rows without a position, its standard deviation, a height or a measurement are skipped. The
-        stage rejects a track whose samples differ from those of its line, a core field without a
-        date, and an area that is too large for the kernel length. Divide such an area with
-        `bounds`; measurements more than three kernel lengths beyond the bounds are skipped.
+        Rows without a position, a standard deviation of the position, a height or a measurement are
+        skipped. The stage rejects a track whose samples differ from the samples of the line, a core
+        field without a date, and an area that is too large for the kernel length. Divide such an
+        area with `bounds`; measurements more than three kernel lengths beyond the bounds are
+        skipped.
 
         Parameters
         ----------
@@ -3838,10 +3938,10 @@ class StageMethods:
             Column of the measured field. Unit: nT. Default: `"mag_c"`.
         core_field : bool, optional
             Subtracts the core field (IGRF-14) at the position of the track from the measurement.
-            `false`: the measurement is an anomaly. Default: `true`.
+            `false` means that the measurement is an anomaly. Default: `true`.
         decimal_year : float, optional
-            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
-            1900 to 2030. Unset: the flight's own date.
+            Date of the core field as a decimal year. It replaces the flight's date. Unit: a.
+            Allowed: 1900 to 2030. Unset: the flight's own date.
         remove_diurnal : bool, optional
             Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal`
             has no measurement. Unset: true if the flight has a column `diurnal` that has not yet
@@ -3850,12 +3950,12 @@ class StageMethods:
             Interval over which measurements are averaged. 0 uses every sample. Unit: s. Allowed: 0
             or above. Default: `1.0`.
         hyperparameters : {"fitted", "fixed"}, optional
-            Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines, or the
-            spec. Default: `"fitted"`.
+            Source of the kernel's hyper-parameters: a maximum-likelihood fit to the lines
+            (`fitted`), or the spec (`fixed`). Default: `"fitted"`.
         position_sigma_m : float, optional
-            Standard deviation, north and east, of an additional position error of the track. This
-            error is one that the track's covariance omits, such as the error of `slam` before its
-            first revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
+            Standard deviation, north and east, of a position error that the track's covariance
+            omits, such as the error of `slam` before the first revisit. Unit: m. Allowed: 0 or
+            above. Default: `0.0`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -3867,21 +3967,22 @@ class StageMethods:
             Standard deviation of the noise of an averaged measurement; if it is fitted, the initial
             value of the search. Unit: nT. Allowed: 0 or above. Unset: 1 nT.
         fogm_sigma_nt : float, optional
-            Standard deviation of the temporal variation; 0 for none. Unit: nT. Allowed: 0 or above.
-            Default: `3.0`.
+            Standard deviation of the temporal variation. 0 assumes no temporal variation. Unit: nT.
+            Allowed: 0 or above. Default: `3.0`.
         fogm_tau_s : float, optional
             Time constant of the temporal variation. Unit: s. Allowed: above 0. Default: `600.0`.
         line_sigma_nt : float, optional
-            Standard deviation of the constant of each line, if there are several lines; 0 for none.
-            Unit: nT. Allowed: 0 or above. Default: `3.0`.
+            Standard deviation of the constant of each line, if there are several lines. 0 assumes
+            no such constants. Unit: nT. Allowed: 0 or above. Default: `3.0`.
         spacing_m : float, optional
             Distance between nodes. Unit: m. Allowed: above 0. Unset: a sixth of the kernel length.
         bounds : ListLike, optional
             West, south, east and north bounds of the map: eastings and northings in metres. Unit:
-            m. Unset: all measurements.
+            m. Unset: the extent of all measurements.
         max_sd_nt : float, optional
-            Largest standard deviation of a known node. Nodes with a larger one are unknown. Unit:
-            nT. Allowed: above 0. Unset: a quarter of the standard deviation of the anomaly.
+            Largest standard deviation of a known node. Nodes with a larger standard deviation are
+            unknown. Unit: nT. Allowed: above 0. Unset: a quarter of the standard deviation of the
+            anomaly.
         max_functions : int, optional
             Maximum number of functions in the expansion of the anomaly. Computing time grows with
             the third power of this number. Allowed: 1 to 20000. Default: `3000`.
@@ -3892,8 +3993,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -3906,7 +4008,7 @@ class StageMethods:
         References
         ----------
         Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression";
-        Viset, Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011
+        Viset, Kullberg, Wesel and Solin 2024 (normal equations); McHutchon and Rasmussen 2011
         (input noise).
         """
         return self._stage("track_map", locals())
@@ -3930,13 +4032,13 @@ class StageMethods:
         keep: bool | None = None,
     ) -> TableHandle:
         """Fills the unknown nodes of a map, first from other maps in the order of `with`, then from
-        their surroundings.
+        the nodes around each gap.
 
-        The other maps are converted to the coordinate system of the map. Lower maps are continued
-        upward to its height. Their difference from the map in the overlap (`bias`) is removed.
-        Values filled from the surroundings contain no information about the anomaly there.
-        `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large
-        gaps.
+        The other maps are converted to the coordinate system of the map to be filled. Lower maps
+        are continued upward to its height. The difference between each of these maps and the map to
+        be filled is estimated in the overlap and removed (`bias`). Values filled from the nodes
+        around a gap contain no information about the anomaly in the gap. `minimum_curvature` is
+        suitable for gaps of a few nodes. No method is suitable for large gaps.
 
         A map of `with` that is higher than the map to be filled is rejected. A draped map together
         with other maps is also rejected.
@@ -3948,7 +4050,7 @@ class StageMethods:
         with_ : TableLike | Sequence[TableLike], optional
             Input: one or several maps, optional.
         method : {"knn", "harmonic", "minimum_curvature", "none"}, optional
-            Method that fills gaps from their surroundings: `knn`, the mean of the nearest known
+            Method that fills gaps from the nodes around them: `knn`, the mean of the nearest known
             nodes; `harmonic`, a harmonic surface, which stays between the values around the gap;
             `minimum_curvature`, which continues the slope at the gap's edge; or `none`. Default:
             `"knn"`.
@@ -3964,16 +4066,17 @@ class StageMethods:
             Width of the transition between two maps at their common edge. Unit: m. Allowed: 0 or
             above. Default: `1000.0`.
         bias : {"nothing", "constant", "plane"}, optional
-            Difference between the other maps and the map. It is estimated in the overlap and
-            removed from the other maps. Default: `"constant"`.
+            Form of the difference that is estimated in the overlap and removed from the other maps:
+            a `constant` or a `plane`. `nothing` removes no difference. Default: `"constant"`.
         extend : bool, optional
             Extends the map to the combined extent of all maps. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -4007,15 +4110,15 @@ class StageMethods:
         """Continues a map to another height, or differentiates it.
 
         A level map is continued to another level or to the heights of another map on the same grid
-        (`drape`), and a draped map to a level.
+        (`drape`). A draped map is continued to a level.
 
         Use `map_continue` to bring a map to the flight height, or to bring several maps to one
         height before they are combined. Upward continuation is stable, because it smooths the
         field. Downward continuation amplifies short wavelengths and noise, so it is damped by
         `alpha_m2`. The damping removes part of the signal. Unknown nodes are filled by minimum
-        curvature for the transform and are unknown again in the result. The field beyond the map's
-        edges is unknown. Keep the change of height below 1/50 of the map's shorter side, or remove
-        the edges afterwards.
+        curvature for the transform and are unknown again in the result. The result has errors near
+        the map's edges, because the field beyond them is unknown. Keep the change of height below
+        1/50 of the map's shorter side, or remove the edges afterwards.
 
         These are rejected: a map without a known height, a derivative of a draped map, and a
         `drape` that is on another grid or has one height for all nodes.
@@ -4028,21 +4131,22 @@ class StageMethods:
             Input: map, optional.
         to_m : float, optional
             Height above the WGS-84 ellipsoid to which the map is continued. Unit: m. Unset: the
-            map's own height, or the heights of `drape`.
+            heights of `drape` if it is given, otherwise the map's own height.
         derivative : {"up", "north", "east", "up2"}, optional
-            Returns a derivative in nT/m (`up2`: nT/m2) instead of the field. Unset: the field
-            itself.
+            Derivative that is returned instead of the field, in nT/m (`up2`: second vertical
+            derivative, in nT/m2). Unset: the field itself.
         alpha_m2 : float | {"auto"}, optional
             Damping of downward continuation. `auto` uses the corner of the L-curve. Unit: m2.
             Allowed: 0 or above. Default: `auto`.
         keep_filled : bool, optional
-            Keeps values at nodes where the input map has none. Default: `false`.
+            Keeps the result at nodes that are unknown in the input map. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -4081,10 +4185,10 @@ class StageMethods:
         Use `map_convert` to bring maps onto one grid, or to remove the edges of a continued map.
         Resampling uses polynomials of degree nine, and of lower degree near edges and unknown
         nodes. A node within two nodes of an unknown node becomes unknown. Stages that interpolate a
-        map project positions themselves, so a map need not be converted for them.
+        map also project the positions, so a map need not be converted for these stages.
 
-        Bounds outside the map are rejected, and so is the periodic extension of a map that is
-        draped or has gaps.
+        Bounds outside the map are rejected. The periodic extension of a map that is draped or has
+        gaps is also rejected.
 
         Parameters
         ----------
@@ -4095,7 +4199,7 @@ class StageMethods:
             Allowed: 1 to 65535. Unset: the map's own coordinate system.
         spacing : float, optional
             Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
-            Allowed: above 0. Unset: at most the spacing of the map.
+            Allowed: above 0. Unset: a spacing no larger than the spacing of the map.
         bounds : ListLike, optional
             Bounds of the part to keep: west, south, east and north, in the new coordinate system.
             Unset: the whole map.
@@ -4108,8 +4212,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -4148,19 +4253,19 @@ class StageMethods:
 
         B_e = i k_e A/d, B_n = i k_n A/d, B_u = -|k| A/d, with d = i (f_e k_e + f_n k_n) - f_u |k|
 
-        The direction f is the direction at the centre of the map. It follows from `decimal_year`,
-        or from `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected
-        to true north.
+        The direction f applies to the centre of the map, and follows from `decimal_year`, or from
+        `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to true
+        north.
 
         |d| is at least |k| sin |I| at the inclination I, so errors of the map are amplified by up
         to 1/sin |I|. Near the magnetic equator, waves whose k is perpendicular to the core field
         are missing from the map. At inclinations below 15 degrees, these waves are damped, the
-        components are too small, and a warning is reported. The mean and the trend of a map have no
-        direction. They are assumed to be parallel to the core field. The field beyond the map's
-        edges is unknown; discard a margin of 15 nodes. Within this margin, components of dipoles
-        below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at 16 degrees,
-        and 8 to 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for the transform
-        and are unknown again in the result.
+        components are too small, and a warning is reported. The mean and the trend of a map give no
+        information on direction, and are assumed to be parallel to the core field. The field beyond
+        the map's edges is unknown; discard a margin of 15 nodes. In the remaining area, components
+        of dipoles below the map have errors of 1 % at inclinations of 25 degrees and above, 2 % at
+        16 degrees, and 8 to 18 % at 5 degrees. Unknown nodes are filled by minimum curvature for
+        the transform and are unknown again in the result.
 
         The result has the unit nT, but it is not a total-field anomaly: do not navigate with it.
         These are rejected: a draped map, a map of a derivative, and a direction that is missing or
@@ -4174,7 +4279,7 @@ class StageMethods:
             Component of the field. Default: `"down"`.
         decimal_year : float, optional
             Date of the core field (IGRF-14) that gives the direction. Unit: a. Allowed: 1900 to
-            2030. Unset: `inclination_deg` and `declination_deg` give the direction.
+            2030. Unset: the direction follows from `inclination_deg` and `declination_deg`.
         inclination_deg : float, optional
             Inclination of the core field, downward from the horizontal. Unit: deg. Allowed: -90 to
             90. Unset: the inclination of the core field.
@@ -4182,13 +4287,14 @@ class StageMethods:
             Declination of the core field, from true north to east. Unit: deg. Allowed: -180 to 180.
             Unset: the declination of the core field.
         keep_filled : bool, optional
-            Keeps values at nodes where the input map has none. Default: `false`.
+            Keeps the result at nodes that are unknown in the input map. Default: `false`.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -4236,11 +4342,11 @@ class StageMethods:
         `input` names one or several tables with the same samples, for example the table of the
         compensated signal and the table of the track. If `metrics` is unset, the stage scores all
         built-in metrics that can be computed from these tables. Each metric is a row with `metric`,
-        `value`, `unit` and `n`, the number of samples (for crossings: number of pairs). Rows with a
-        NaN are excluded from a metric and its `n`; a metric without samples has a null value. A
-        metric that cannot be computed for a line, for example because `high_hz` exceeds half the
-        sample rate, has a null value and the reason in `note`. The other metrics are kept. The run
-        reports a warning, or fails if `metrics` lists the metric.
+        `value`, `unit` and `n`, the number of samples (for crossings: number of pairs). Samples
+        with a NaN are excluded from a metric and from its `n`. A metric without samples has a null
+        value. A metric that cannot be computed for a line, for example because `high_hz` exceeds
+        half the sample rate, has a null value and the reason in `note`. The other metrics are kept.
+        The run reports a warning; if `metrics` lists the metric, the run fails.
 
         The published table also has `in_sample`: true if the line was used to make the model, noise
         or map behind the score, or to choose a parameter in a search. Such a score measures the
@@ -4251,26 +4357,27 @@ class StageMethods:
 
         The table `scores_pooled` of the pipeline has one row per point and metric. Its `value`
         pools the lines that are not in sample (all lines if every line is in sample), and
-        `value_in_sample` pools the others. For a radius, `spread` holds quantiles of the samples'
-        errors, from which the pooled radius is computed.
+        `value_in_sample` pools the others. For a radius (`cep`, `r95`), `spread` holds quantiles of
+        the samples' errors, from which the pooled radius is computed.
 
-        With `truth`, errors are relative to the truth. Without it, `std_uncompensated` and the
-        ratios are computed from the signals alone and include the anomaly. The run lists the
-        metrics that require `truth`.
+        With `truth`, errors are relative to the truth. Without `truth`, `std_uncompensated` and the
+        improvement ratios are computed from the signals alone and include the anomaly. The run then
+        lists the metrics that require `truth`.
 
-        A table computed by `map_value` adds scores of the map: the agreement of the signal with the
-        map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
-        and, if available, `diurnal` are first subtracted from the signal. `map_position_bound` is
-        the Cramér-Rao bound on a constant horizontal position offset when the measurement also
-        contains an unknown constant. It assumes independent sample errors of `map_sigma_nt`;
-        correlated errors, such as those of maps and the temporal variation, increase the actual
-        error.
+        An input table computed by `map_value` adds metrics of the map: the agreement of the signal
+        with the map, the slope of the map along the track, and the expected accuracy of navigation.
+        `igrf` and, if available, `diurnal` are first subtracted from the signal.
+        `map_position_bound` is the Cramér-Rao bound on a constant horizontal position offset when
+        the measurement also contains an unknown constant. It assumes independent sample errors of
+        `map_sigma_nt`. Correlated errors, such as errors of the map and the temporal variation,
+        make the actual position error larger than the bound.
 
         A track is also tested against its own covariance: `nees_consistent` and `nis_consistent`
-        are tests with a 95 % band. `whiteness`, `error_within_3sigma` and `divergence` are
-        fractions of lags or of samples. For a consistent filter, their expected values are known.
-        Innovations on both sides of a sample without a measurement do not count as neighbours.
-        `correlated_nis` is the NIS of averages of innovations.
+        are tests with a 95 % band. `whiteness` is a fraction of lags; `error_within_3sigma` and
+        `divergence` are fractions of samples. The expected values of these metrics for a consistent
+        filter are known. The innovations before and after a sample without a measurement do not
+        count as consecutive. `correlated_nis` is the NIS of averages of many innovations, which
+        shows whether correlated innovations make the covariance too small.
 
         Parameters
         ----------
@@ -4307,8 +4414,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
@@ -4351,20 +4459,21 @@ class StageMethods:
         """Pools the scores of lines, with a confidence interval for each pooled value.
 
         Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are
-        weighted by the number of samples. `cep` and `r95` are radii of the samples of all lines.
-        Sample counts are added. The bounds of the interval are percentiles over `draws` resamples
-        of the lines, drawn with replacement. Whole lines are resampled because the errors within a
-        line are correlated. A single line has no interval (null).
+        weighted by the number of samples. `cep` and `r95` are computed from the samples of all
+        lines. Sample counts are added. The bounds of the interval are percentiles over `draws`
+        resamples of the lines, drawn with replacement. Whole lines are resampled because the errors
+        within a line are correlated. A single line has no interval (null).
 
-        Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled
-        over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to
-        make a model, noise or map behind its scores, or to choose a parameter in a search. The
-        table `scores_pooled` also pools the in-sample lines if other lines exist.
+        Each metric is pooled over the lines that are not in sample. If none of these lines has a
+        value, the metric is pooled over the in-sample lines, and `in_sample` is true. A line is in
+        sample if it was used to make a model, noise or map behind its scores, or to choose a
+        parameter in a search. The table `scores_pooled` also pools the in-sample lines if other
+        lines exist.
 
         `train` lists the lines to which the model was fitted, and adds the metric
-        `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,
-        divided by the pooled `std_error` of the training lines. Without `std_error` it uses the
-        root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new
+        `overfitting_ratio`. This ratio is the pooled `std_error` of all other lines, in sample or
+        not, divided by the pooled `std_error` of the training lines. Without `std_error`, the ratio
+        is computed from `map_std_error`. The ratio is 1 for a model that is as accurate on new
         lines as on its training lines, and larger for one that overfits. For its interval, training
         lines and other lines are resampled separately.
 
@@ -4394,8 +4503,9 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
-            works on one line at a time may use only `flight` and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
+            that works on one line at a time, the predicate may contain only the columns `flight`
+            and `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional

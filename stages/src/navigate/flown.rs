@@ -142,10 +142,6 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
     }
 }
 
-/// Ratio of a height bias to its standard deviation above which the bias is searched with the noise of the line. On a
-/// line without a bias, one in twenty exceeds it.
-const SUSPECTED_BIAS: f64 = 2.0;
-
 /// Filter input of one point and its map. The map is `own`, at the heights of the line, or `around`, continued below and
 /// above them, if the line has a height bias.
 fn flown_on<'a>(
@@ -157,8 +153,7 @@ fn flown_on<'a>(
 ) -> Result<(FilterInput<'a>, Option<&'a NavigationMap>), Fault> {
     let exact = flown(point, ins, begin, own, (cores, found))?;
     let Some((tuned, around)) = exact.tuned.as_ref().zip(around) else { return Ok((exact, own)) };
-    let bias = tuned.height_bias_m(&exact, around)?;
-    if bias.is_some_and(|[bias_m, sigma_m]| bias_m.abs() > SUSPECTED_BIAS * sigma_m) {
+    if tuned.may_be_biased(&exact, around)? {
         let biased = flown(point, ins, begin, Some(around), (cores, found))?;
         if biased.map_height_sigma_m.is_some() {
             return Ok((biased, Some(around)));

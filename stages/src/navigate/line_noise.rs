@@ -167,15 +167,15 @@ impl LineNoiseEstimate {
         Ok(self)
     }
 
-    /// Height bias and its standard deviation, in metres, on a map that is continued above and below the line. `None`
+    /// Whether a height bias increases the likelihood on a map that is continued above and below the line. `false`
     /// without noise or with a state for the bias.
-    pub(super) fn height_bias_m(&self, flown: &FilterInput, map: &NavigationMap) -> Result<Option<[f64; 2]>, Fault> {
-        let Some(noise) = self.noise.filter(|noise| noise.map_height_sigma_m.is_none()) else { return Ok(None) };
+    pub(super) fn may_be_biased(&self, flown: &FilterInput, map: &NavigationMap) -> Result<bool, Fault> {
+        let Some(noise) = self.noise.filter(|noise| noise.map_height_sigma_m.is_none()) else { return Ok(false) };
         let flown = FilterInput { map: Some(&map.field), ..flown.clone() };
         let usual = || likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let rows = self.rows.clone().unwrap_or_else(usual);
         let given = (NoiseParameters::default(), None, [None; 2]);
-        self.with_search(&flown, &rows, given, |search| likelihood::height_bias_m(search, &noise)).map(Some)
+        Ok(self.with_search(&flown, &rows, given, |search| likelihood::height_gain(search, &noise))? > 0.0)
     }
 
     /// Calls `of` with the line at some rows, from the start of this estimate and with its map error.

@@ -154,5 +154,6 @@ fn as_table(decl: &TableDecl, epoch: &SpannedValue<LogEpochKeys>) -> TableDecl {
         columns: vec![("nothing".to_owned(), placed)],
         vectors: vec![],
         quaternions: vec![],
+        projected: None,
     }
 }

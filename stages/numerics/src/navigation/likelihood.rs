@@ -43,7 +43,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::regression::consistency::{normalised_innovations, statistical_inefficiency};
 
 pub use aircraft::{AircraftFieldAlong, AircraftStates};
-pub use constant::height_bias_m;
+pub use constant::height_gain;
 pub use interval::denser;
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;

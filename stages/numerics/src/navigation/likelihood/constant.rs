@@ -27,24 +27,27 @@ const LEAST_GAIN: f64 = 6.0;
 /// contains its effect.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
-/// Height bias and its standard deviation, in metres, at the last measurement of `search`: a test without a search,
-/// with the noise `noise` and a state for the bias. NaN without an estimate.
+/// Increase of the logarithm of the likelihood by a state for the height bias, at the noise `noise` or a smaller noise.
+/// This is a test without a search: a positive value means that a search may find a bias.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
-pub fn height_bias_m(search: &NoiseSearch<'_>, noise: &LineNoise) -> Result<[f64; 2], NavigationError> {
+pub fn height_gain(search: &NoiseSearch<'_>, noise: &LineNoise) -> Result<f64, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
-    let likelihood = NoiseLikelihood {
+    let exact = NoiseLikelihood {
         search,
         thinned: &thinned,
         terms: &[],
         map_factor: noise.own_map_factor(),
         latency_sigma_s: noise.latency_sigma_s,
-        map_height_sigma_m: Some(MAP_HEIGHT.prior_sigma),
+        map_height_sigma_m: None,
     };
-    let output = likelihood.output_with_states(&noise.point())?;
-    Ok(output.map_height_m.map(|values| values.last().copied().unwrap_or(f64::NAN)))
+    let biased = NoiseLikelihood { map_height_sigma_m: Some(MAP_HEIGHT.prior_sigma), ..exact };
+    let own = exact.scores(&[noise.point()])[0];
+    let scores = biased.scores(&exact.quieter_points(noise.point()));
+    let logs = scores.iter().map(|score| score.log_likelihood(own.used));
+    Ok(logs.fold(f64::NEG_INFINITY, f64::max) - own.log)
 }
 
 impl NoiseLikelihood<'_> {
@@ -82,15 +85,7 @@ impl NoiseLikelihood<'_> {
         best: (NoisePoint, f64),
         least_used: usize,
     ) -> ((NoisePoint, f64), Self) {
-        let mut first: Vec<NoisePoint> = FACTORS.map(|factors| self.quieter(best.0, factors)).to_vec();
-        // A change of the permanent field that is found without this state may be an effect of the constant.
-        if self.search.given[PERMANENT[0]].is_none() {
-            let constant = |mut point: NoisePoint| {
-                point[PERMANENT[0]] = 0.0;
-                point
-            };
-            first.extend(first.clone().into_iter().map(constant));
-        }
+        let first = self.quieter_points(best.0);
         let scores = other.scores(&first);
         let scored = first.into_iter().zip(scores.iter().map(|score| score.log_likelihood(least_used)));
         let (start, log) = scored.fold(best, |best, one| if one.1 > best.1 { one } else { best });
@@ -106,6 +101,20 @@ impl NoiseLikelihood<'_> {
     fn estimate(&self, state: &ConstantState, point: &NoisePoint) -> f64 {
         let output = self.output_with_states(point);
         output.ok().and_then(|output| (state.values)(&output).last().copied()).unwrap_or(f64::NAN)
+    }
+
+    /// The points that are tried first with a state for the constant.
+    fn quieter_points(&self, point: NoisePoint) -> Vec<NoisePoint> {
+        let mut first: Vec<NoisePoint> = FACTORS.map(|factors| self.quieter(point, factors)).to_vec();
+        // A change of the permanent field that is found without this state may be an effect of the constant.
+        if self.search.given[PERMANENT[0]].is_none() {
+            let constant = |mut point: NoisePoint| {
+                point[PERMANENT[0]] = 0.0;
+                point
+            };
+            first.extend(first.clone().into_iter().map(constant));
+        }
+        first
     }
 
     /// The point with its white noise and its process times these factors, unless they are given.
