@@ -94,7 +94,7 @@ params! {
     /// appended. This key is available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if a bias clearly increases the \
-            likelihood. Unless `map_levels_m` is set, it then continues the map up to 100 m below and above the line",
+            likelihood. Unless `map_levels_m` is set, it then continues the map up to 200 m below and above the line",
         rule Rule::NotNegative;
     /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
     /// right, down). The filter estimates the three components as additional states. The attitude and the core field

@@ -40,7 +40,7 @@ impl LineMetrics {
         self.counted(metric).map(|(value, _)| value)
     }
 
-    /// The share of samples off the map.
+    /// The share of measurements off the map.
     pub fn off_map(&self) -> Option<f64> {
         self.share(&track::SAMPLES_OFF_MAP)
     }
@@ -51,7 +51,7 @@ impl LineMetrics {
         Some(gated / (gated + used)).filter(|share| share.is_finite())
     }
 
-    /// The share of samples where the map is too flat.
+    /// The share of measurements where the map is too flat.
     pub fn flat(&self) -> Option<f64> {
         self.share(&track::SAMPLES_FLAT)
     }
@@ -61,8 +61,15 @@ impl LineMetrics {
         self.0.get(metric.metric.name).copied()
     }
 
+    /// A number of measurements divided by the number of those that the filter considers: a filter uses only a part of
+    /// the samples if their errors are correlated. Divided by all samples without a count of the used measurements.
     fn share(&self, metric: &Scorer) -> Option<f64> {
-        self.counted(metric).filter(|(_, n)| *n > 0).map(|(count, n)| count / n as f64)
+        let (count, n) = self.counted(metric).filter(|(_, n)| *n > 0)?;
+        let others = [&track::SAMPLES_OFF_MAP, &track::SAMPLES_GATED, &track::SAMPLES_FLAT];
+        let considered = self
+            .get(&track::SAMPLES_USED)
+            .map(|used| used + others.into_iter().filter_map(|other| self.get(other)).sum::<f64>());
+        Some(count / considered.filter(|considered| *considered > 0.0).unwrap_or(n as f64))
     }
 }
 

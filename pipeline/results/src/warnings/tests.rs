@@ -135,6 +135,16 @@ fn unit_causes_follow_from_known_facts() {
 }
 
 #[test]
+fn unit_shares_are_of_the_measurements_that_a_filter_considers() {
+    // Of 100 samples, the filter considers 20.
+    let row = LineMetrics::from([("samples_used", 4.0), ("samples_gated", 1.0), ("samples_off_map", 15.0)]);
+    assert_eq!((row.off_map(), row.gated()), (Some(0.75), Some(0.2)));
+    assert_eq!(LineMetrics::from([("samples_off_map", 15.0)]).off_map(), Some(0.15));
+    let nothing = LineMetrics::from([("samples_used", 0.0), ("samples_off_map", 0.0)]);
+    assert_eq!(nothing.off_map(), Some(0.0));
+}
+
+#[test]
 fn unit_the_truth_is_not_flagged() {
     let bound = LineMetrics::from([("drms", 0.0), ("ins_drms", 900.0), ("nees", 0.0), ("nis", 1.0)]);
     assert!(judge(&facts(&bound, given(5.0))).is_empty());

@@ -49,13 +49,17 @@ impl ColumnSample {
         (!all.is_empty()).then(|| median(&mut all))
     }
 
-    /// The words of the column's name, in lower case: `MagX` and `mag_x` are `mag` and `x`.
+    /// The words of the column's name, in lower case: `MagX` and `mag_x` are `mag` and `x`, `GPSHeight` is `gps` and
+    /// `height`.
     pub fn words(&self) -> Vec<String> {
         let mut words: Vec<String> = vec![String::new()];
         let mut before = ' ';
-        for c in self.name.chars() {
+        let letters: Vec<char> = self.name.chars().collect();
+        for (at, c) in letters.iter().copied().enumerate() {
+            // After an abbreviation; `UTMx` is one.
+            let begins_word = || letters.iter().skip(at + 1).take(2).filter(|next| next.is_lowercase()).count() == 2;
             let breaks = !c.is_alphanumeric()
-                || (c.is_uppercase() && before.is_lowercase())
+                || (c.is_uppercase() && (before.is_lowercase() || before.is_uppercase() && begins_word()))
                 || (c.is_ascii_digit() != before.is_ascii_digit() && before.is_alphanumeric());
             if breaks {
                 words.push(String::new());
@@ -119,5 +123,27 @@ fn add(sample: &mut ColumnSample, column: &ArrayRef) {
         let left = TEXTS - sample.texts.len();
         let known = text.as_string::<i32>().iter().flatten().map(str::trim).filter(|text| !text.is_empty());
         sample.texts.extend(known.take(left).map(str::to_owned));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ColumnSample;
+
+    #[test]
+    fn unit_words_of_names_are_separated() {
+        let words = |name: &str| ColumnSample { name: name.to_owned(), ..ColumnSample::default() }.words().join(" ");
+        for (name, expected) in [
+            ("MagX", "mag x"),
+            ("mag_x", "mag x"),
+            ("GPSHeight", "gps height"),
+            ("GPSHeight_m_hae", "gps height m hae"),
+            ("UTMx", "utmx"),
+            ("TimeUS", "time us"),
+            ("Mag1 [nT]", "mag 1 n t"),
+            ("UTC", "utc"),
+        ] {
+            assert_eq!(words(name), expected, "{name}");
+        }
     }
 }
