@@ -142,8 +142,8 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
     }
 }
 
-/// Filter input of one point and its map. The map is `own`, at the heights of the line, or `around`, continued below and
-/// above them, if the line has a height bias.
+/// Filter input of one point and its map. The map is `own`, at the heights of the line. If the line has a height bias,
+/// it is `around`, continued below and above these heights.
 fn flown_on<'a>(
     point: LinePoint<'a, Navigate>,
     ins: &'a InsColumns,

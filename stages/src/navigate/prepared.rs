@@ -62,7 +62,8 @@ const MOST_KEPT: usize = 8;
 /// Maximum number of levels per line.
 const MOST_LEVELS: f64 = 24.0;
 /// Distance below and above a line to which the map is continued to search for a height bias, in metres. It is four
-/// prior standard deviations of the bias: the first estimates may be far from the bias, and the levels must contain them.
+/// prior standard deviations of the bias, because the first estimates may be far from the bias, and a height outside
+/// the levels has no prediction.
 const SEARCHED_M: f64 = 200.0;
 /// Maximum number of nodes on all levels of a map for this search, which limits the memory.
 const MOST_SEARCHED_NODES: usize = 10_000_000;
