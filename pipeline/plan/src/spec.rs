@@ -3,6 +3,7 @@
 mod axis;
 mod course;
 mod faults;
+pub mod licences;
 mod parser;
 pub mod publish;
 mod search;

@@ -165,8 +165,7 @@ fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
         return Err(Fault::data(what).help(format!("write `{name}` as text, as it is in the flight data")));
     }
     let texts = arrow_cast::cast(array, &DataType::Utf8).map_err(|e| unreadable(&e))?;
-    let texts: &StringArray =
-        texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a column has another type after its conversion"))?;
+    let texts: &StringArray = texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a column has another type"))?;
     let text = |(row, x): (usize, Option<&str>)| {
         let missing = || Fault::data("the value is missing").in_column(name).in_row(row as u64);
         x.map(|x| x.trim().to_owned()).filter(|x| !x.is_empty()).ok_or_else(missing)
@@ -187,9 +186,8 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
         }
         None => {
             let cast = arrow_cast::cast(array, &DataType::Float64).map_err(|e| unreadable(&e))?;
-            let numbers = cast
-                .as_primitive_opt::<Float64Type>()
-                .ok_or_else(|| Fault::bug("a column has another type after its conversion"))?;
+            let numbers =
+                cast.as_primitive_opt::<Float64Type>().ok_or_else(|| Fault::bug("a column has another type"))?;
             numbers.iter().map(|x| x.unwrap_or(f64::NAN)).collect()
         }
     };

@@ -154,10 +154,7 @@ fn store(root: &Path) -> Finding {
     let name = shown(root).to_string();
     if scrub::mark_is_damaged(root) {
         let help = format!("run `magline verify --store {}`", crate::shell::shell_word(&name));
-        return Finding::Wrong(
-            Fault::data(format!("{name} ({tables}): the file `STORE`, which identifies the store, is damaged"))
-                .help(help),
-        );
+        return Finding::Wrong(Fault::data(format!("{name} ({tables}): the file `STORE` is damaged")).help(help));
     }
     if let Err(e) = access(root, AccessFlags::W_OK) {
         let help = "runs require write access; queries and reports do not";

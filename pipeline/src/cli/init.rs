@@ -67,10 +67,10 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     let mut map = None;
     let mut questions = source.questions.clone();
     questions.extend(found.questions.iter().cloned());
-    match (maps.first(), &grid) {
-        (Some(path), Some(Ok(_))) => map = Some(relative(path, &folder)?),
-        (_, Some(Err(e))) => questions.push(format!("the map is not used yet: {e}")),
-        _ => {}
+    match grid.as_ref().zip(maps.first()) {
+        Some((Ok(_), path)) => map = Some(relative(path, &folder)?),
+        Some((Err(e), _)) => questions.push(format!("the map is not used yet: {e}")),
+        None => {}
     }
     let position = map.as_ref().and_then(|_| position_question(&found, source.own.as_ref().map(|_| shown(&own))));
     if let Some(question) = position {

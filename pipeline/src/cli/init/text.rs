@@ -216,9 +216,7 @@ impl InitText<'_> {
                 Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
                 None => {
                     let needs = self.vector_needs().join(", ");
-                    format!(
-                        "none: without a scalar magnetometer, compensation requires data that the log lacks: {needs}"
-                    )
+                    format!("none: without a scalar magnetometer, the log lacks required data: {needs}")
                 }
             },
         }

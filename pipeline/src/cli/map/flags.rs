@@ -204,10 +204,7 @@ impl<S: FlagStage> StageFlags<S> {
             fault => fault,
         };
         let built = (S::declared().build)(&self.given).map_err(with_help)?;
-        let stage = built
-            .as_any()
-            .downcast_ref::<S>()
-            .ok_or_else(|| Fault::bug("the stage has another type than the command"))?;
+        let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("the stage has another type"))?;
         let unused = self.given.keys().find_map(|key| stage.unused_key(key));
         unused.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
     }
