@@ -416,7 +416,7 @@ def ekf(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -881,7 +881,7 @@ def iekf(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -1354,7 +1354,7 @@ def ukf(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -1847,7 +1847,7 @@ def ekf_adaptive(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -2380,7 +2380,7 @@ def ekf_online_tl(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -2926,7 +2926,7 @@ def fixed_lag(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -3403,7 +3403,7 @@ def rts(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -3896,7 +3896,7 @@ def mpf(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -4376,7 +4376,7 @@ def mpf_then_ekf(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
@@ -4830,7 +4830,7 @@ def crlb(
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
         `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
         be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 100 m below and above the line.
+        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as

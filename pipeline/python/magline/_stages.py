@@ -3291,7 +3291,7 @@ class StageMethods:
             `map_height_bias_sigma` are appended. This key is available in `ekf`, `iekf` and `ukf`.
             Unit: m. Allowed: 0 or above. Unset: the height is assumed to be exact; `tuning =
             "auto"` sets 50 if a bias clearly increases the likelihood. Unless `map_levels_m` is
-            set, it then continues the map up to 100 m below and above the line.
+            set, it then continues the map up to 200 m below and above the line.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change in the aircraft's
