@@ -153,9 +153,11 @@ fn flown_on<'a>(
 ) -> Result<(FilterInput<'a>, Option<&'a NavigationMap>), Fault> {
     let exact = flown(point, ins, begin, own, (cores, found))?;
     let Some((tuned, around)) = exact.tuned.as_ref().zip(around) else { return Ok((exact, own)) };
-    if tuned.may_be_biased(&exact, around)? {
+    // The levels of the line's own heights need not contain its bias.
+    let has_bias = exact.map_height_sigma_m.is_some();
+    if has_bias || tuned.may_be_biased(&exact, around)? {
         let biased = flown(point, ins, begin, Some(around), (cores, found))?;
-        if biased.map_height_sigma_m.is_some() {
+        if has_bias || biased.map_height_sigma_m.is_some() {
             return Ok((biased, Some(around)));
         }
     }
