@@ -186,8 +186,8 @@ fn user_a_date_and_a_unit_of_a_log_reach_the_tables() {
 }
 
 /// Easting and northing in UTM zone 18 north, near its central meridian and 45 degrees north. There, the meridian arc
-/// from the equator is 4,984,944.378 m, and the radii of curvature are 6,367,381.8 m (meridian) and 6,388,838.3 m (prime
-/// vertical).
+/// from the equator is 4,984,944.378 m, and the radii of curvature are 6,367,381.8 m along the meridian and 6,388,838.3
+/// m across it.
 fn utm_18n(s: &Sample) -> (f64, f64) {
     let (lat, lon) = ((s.lat - 45.0).to_radians(), (s.lon + 75.0).to_radians());
     let along = 4_984_944.378 + 6_367_381.8 * lat;
