@@ -315,8 +315,8 @@ fn gold_unsupported_formats_are_named() {
     for (name, content, what) in [
         ("g.grd", b"%PDF-1.7 ...".as_slice(), "a PDF document"),
         ("g.nc", b"GRIB\0\0\0\x02....".as_slice(), "a GRIB file"),
-        ("g.tif", b"PK\x03\x04....".as_slice(), "a zip archive (unpack it"),
-        ("g.grd", b"\x1f\x8b\x08\0....".as_slice(), "a gzip file (unpack it"),
+        ("g.tif", b"PK\x03\x04....".as_slice(), "a zip archive (unpack the archive"),
+        ("g.grd", b"\x1f\x8b\x08\0....".as_slice(), "a gzip file (unpack the archive"),
         ("g.hdf", b"\x0e\x03\x13\x01....".as_slice(), "an HDF4 file"),
         ("hdr.adf", b"GRID1.2\0....".as_slice(), "the header of an Esri binary grid"),
         ("g.flt", b"\0\x01\x02\x03....".as_slice(), "a raw raster, whose layout is in a file next to it"),
