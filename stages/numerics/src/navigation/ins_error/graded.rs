@@ -189,7 +189,7 @@ mod tests {
         let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
         assert_eq!(
             (docs[0].name, docs[0].absent),
-            ("ins_grade", Some("`magnav`; `navigate` uses the flight's column `ins_grade` instead if present"))
+            ("ins_grade", Some("in `navigate` the flight's column `ins_grade`, if present; otherwise `magnav`"))
         );
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
         assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());
