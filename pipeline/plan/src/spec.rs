@@ -121,8 +121,8 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
     ("stage", "the kind of stage, one of the stages below; required"),
     (
         "where",
-        "an SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage that works on one line \
-         at a time, the predicate may contain only the columns `flight` and `line`",
+        "an SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage processes each line \
+         separately, the predicate may contain only the columns `flight` and `line`",
     ),
     ("publish", "`false`: the table is not published, but later stages can read it (default: `true`)"),
     (

@@ -161,7 +161,7 @@ impl LineNoiseEstimate {
         }
         let constants = [latency_sigma_s, map_height_sigma_m];
         let denser = |search: &NoiseSearch| likelihood::denser(search, noise, few.len());
-        if let Some(more) = self.with_search(flown, &rows, (given, None, constants), denser)? {
+        if let Some(more) = self.with_search(flown, &rows, (given, constants), denser)? {
             (self.noise, self.rows) = (Some(more), Some(rows));
         }
         Ok(self)
@@ -174,8 +174,8 @@ impl LineNoiseEstimate {
         let flown = FilterInput { map: Some(&map.field), ..flown.clone() };
         let usual = || likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let rows = self.rows.clone().unwrap_or_else(usual);
-        let given = (NoiseParameters::default(), None, [None; 2]);
-        Ok(self.with_search(&flown, &rows, given, |search| likelihood::height_gain(search, &noise))? > 0.0)
+        let gain = |search: &NoiseSearch| likelihood::height_gain(search, &noise);
+        Ok(self.with_search(&flown, &rows, Default::default(), gain)? > 0.0)
     }
 
     /// Calls `of` with the line at some rows, from the start of this estimate and with its map error.
@@ -183,7 +183,7 @@ impl LineNoiseEstimate {
         &self,
         flown: &FilterInput,
         rows: &[usize],
-        (given, _, [latency_sigma_s, map_height_sigma_m]): GivenNoise,
+        (given, [latency_sigma_s, map_height_sigma_m]): (NoiseParameters, [Option<f64>; 2]),
         of: impl FnOnce(&NoiseSearch) -> Result<T, NavigationError>,
     ) -> Result<T, Fault> {
         let errors = InsErrorModel { start: self.start, ..flown.errors };

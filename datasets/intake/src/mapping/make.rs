@@ -67,7 +67,7 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut
     known.role
 }
 
-pub(super) fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
+fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
     let key = flight::KEYS.contains(&name);
     if key {
         let help = if name == "tt" {
@@ -277,18 +277,30 @@ pub(super) fn one_quaternion(
         columns.push(Fault::new(what).at(quaternion.at("from")));
         return;
     };
+    if angle_fields(to, quaternion, columns, made) {
+        made.outputs.push(ColumnRecipe::Quaternion { at, order: *order, frames: *frames });
+    }
+}
+
+/// Adds the fields of angles in degrees under the names in the key `to` of a table. Returns whether all can be mapped.
+pub(super) fn angle_fields<T>(
+    to: &[String],
+    table: &SpannedValue<T>,
+    columns: &mut MappingColumns,
+    made: &mut ColumnRecipes,
+) -> bool {
     for name in to {
         let known = flight::describe(name);
-        if is_key(name, &quaternion.at, columns) {
-            return;
+        if is_key(name, &table.at, columns) {
+            return false;
         }
         if !known.unit.is_empty() && known.unit != "deg" {
             let what = format!("`{name}` is in {}, not an angle", known.unit);
-            columns.push(Fault::new(what).at(quaternion.at("to")));
+            columns.push(Fault::new(what).at(table.at("to")));
         }
-        made.fields.push((field(name, DataType::Float64, "deg", known.role, known.description), quaternion.at.clone()));
+        made.fields.push((field(name, DataType::Float64, "deg", known.role, known.description), table.at.clone()));
     }
-    made.outputs.push(ColumnRecipe::Quaternion { at, order: *order, frames: *frames });
+    true
 }
 
 /// The columns that the mapping does not name, under their own names.

@@ -40,6 +40,15 @@ pub(super) struct TopicSample {
     pub clock: Option<ClockGuess>,
 }
 
+/// Suggested table of a mapping.
+struct SuggestedTable<'a> {
+    topic: &'a TopicSample,
+    clock: &'a ClockGuess,
+    found: Vec<ColumnGuess>,
+    /// Eastings and northings, if the table has no latitude.
+    positions: Option<ProjectedColumns>,
+}
+
 /// A suggested mapping.
 pub struct MappingSuggestion {
     /// Text.
@@ -130,9 +139,11 @@ pub fn suggest(
     let mut letters = (b'a'..=b'z').map(char::from);
     for topic in &topics {
         let found = guesses(topic, &mut letters);
-        let useful = found.iter().any(ColumnGuess::is_used) || ProjectedColumns::find(topic).is_some();
+        let located = found.iter().any(|guess| guess.is_used() && guess.ours == "lat");
+        let positions = if located { None } else { ProjectedColumns::find(topic, system) };
+        let useful = found.iter().any(ColumnGuess::is_used) || positions.is_some();
         match &topic.clock {
-            Some(clock) if useful => tables.push((topic, clock, found)),
+            Some(clock) if useful => tables.push(SuggestedTable { topic, clock, found, positions }),
             Some(_) if found.is_empty() => {
                 rest.push(format!("{} ({} rows): no recognised column", shown(&topic.name), topic.rows));
             }
@@ -165,20 +176,18 @@ pub fn suggest(
         quoted(format)
     );
     text += &keys(&tables);
-    if tables.iter().any(|(_, clock, _)| clock.is_boot()) {
+    if tables.iter().any(|table| table.clock.is_boot()) {
         text += &epoch_of(&topics);
     }
     let single = tables.len() == 1;
     let (mut taken, mut unused): (Vec<String>, Vec<String>) = (vec![], vec![]);
-    let mut questions: Vec<String> = tables.iter().filter_map(|(_, clock, _)| clock.question.clone()).collect();
+    let mut questions: Vec<String> = tables.iter().filter_map(|table| table.clock.question.clone()).collect();
     questions.dedup();
-    for (topic, clock, found) in &tables {
-        let name = table_name(if single && topic.name.is_empty() { "log" } else { &topic.name }, &taken);
-        let located = found.iter().any(|guess| guess.is_used() && guess.ours == "lat");
-        let positions = if located { None } else { ProjectedColumns::find(topic) };
-        let known = positions.as_ref().and_then(|positions| positions.system(system));
-        questions.extend(positions.iter().filter(|_| known.is_none()).map(ProjectedColumns::question));
-        text += &table(&name, topic, clock, found, positions.map(|columns| (columns, known)), &mut unused);
+    questions.extend(tables.iter().filter_map(|table| table.positions.as_ref()?.open_question()));
+    for table in &tables {
+        let topic = &table.topic.name;
+        let name = table_name(if single && topic.is_empty() { "log" } else { topic }, &taken);
+        text += &table.text(&name, &mut unused);
         taken.push(name);
     }
     if !rest.is_empty() {
@@ -193,13 +202,13 @@ fn shown(name: &str) -> String {
 }
 
 /// The flight and the line: columns of these names, if all tables have them.
-fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
+fn keys(tables: &[SuggestedTable]) -> String {
     let mut text = String::new();
     for (key, usual) in [
         ("flight", "{ of_file = true }   # guess: one flight per file, named like the file"),
         ("line", "\"1\"                  # guess: one line per file"),
     ] {
-        let mut names = tables.iter().map(|(topic, ..)| key_column(topic, key));
+        let mut names = tables.iter().map(|table| key_column(table.topic, key));
         let first = names.next().flatten();
         text += &match first.filter(|first| names.all(|name| name == Some(*first))) {
             Some(name) => format!("{key:6} = {{ from = {} }}\n", quoted(name)),
@@ -223,77 +232,67 @@ fn key_column<'a>(topic: &'a TopicSample, key: &str) -> Option<&'a str> {
         .or_else(|| topic.columns.iter().find(is_common).map(|column| column.name.as_str()))
 }
 
-fn table(
-    name: &str,
-    topic: &TopicSample,
-    clock: &ClockGuess,
-    found: &[ColumnGuess],
-    positions: Option<(ProjectedColumns, Option<(u16, String)>)>,
-    unused: &mut Vec<String>,
-) -> String {
-    let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
-    if !topic.name.is_empty() {
-        text += &format!("topic = {}\n", quoted(&topic.name));
-    }
-    text += &format!("time  = {}   # {}\n", clock.toml, clock.why);
-    if let Some(question) = &clock.question {
-        text += &wrapped(&format!("? {question}"));
-    }
-    match clock.repeats {
-        RepeatedTimes::None => {}
-        RepeatedTimes::Some => text += "drop_repeated = true   # some rows repeat the time of the previous row\n",
-        RepeatedTimes::AtRate(rate_hz) => {
-            text += &format!(
-                "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at \
-                 this rate\n"
-            );
+impl SuggestedTable<'_> {
+    /// Text of the table in the mapping. Columns that it does not use are added to `unused`.
+    fn text(&self, name: &str, unused: &mut Vec<String>) -> String {
+        let Self { topic, clock, found, positions } = self;
+        let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
+        if !topic.name.is_empty() {
+            text += &format!("topic = {}\n", quoted(&topic.name));
         }
-    }
-    match &positions {
-        Some((columns, Some((epsg, why)))) => text += &format!("{}   # {why}\n", columns.toml(*epsg)),
-        Some((columns, None)) => {
-            text += &wrapped(&format!("? {}", columns.question()));
-            text += &format!("# {}\n", columns.toml(32754));
+        text += &format!("time  = {}   # {}\n", clock.toml, clock.why);
+        if let Some(question) = &clock.question {
+            text += &wrapped(&format!("? {question}"));
         }
-        None => {}
-    }
-    for (section, vectors) in [("columns", false), ("vectors", true)] {
-        let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
-        if of.is_empty() {
-            continue;
+        match clock.repeats {
+            RepeatedTimes::None => {}
+            RepeatedTimes::Some => text += "drop_repeated = true   # some rows repeat the time of the previous row\n",
+            RepeatedTimes::AtRate(rate_hz) => {
+                text += &format!(
+                    "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at \
+                     this rate\n"
+                );
+            }
         }
-        text += &format!("[tables.{name}.{section}]\n");
-        for guess in of {
-            text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.toml, guess.why);
+        text.extend(positions.iter().map(ProjectedColumns::text));
+        for (section, vectors) in [("columns", false), ("vectors", true)] {
+            let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
+            if of.is_empty() {
+                continue;
+            }
+            text += &format!("[tables.{name}.{section}]\n");
+            for guess in of {
+                text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.toml, guess.why);
+            }
         }
+        let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
+        for guess in left {
+            let line = format!("{}: {}", one_line(&guess.ours), guess.why);
+            text += &format!("# {line}\n");
+            unused.push(line);
+        }
+        let quaternions: Vec<[&str; 4]> = columns::quaternions(topic);
+        for q in &quaternions {
+            let from = q.iter().map(|n| quoted(n)).collect::<Vec<_>>().join(", ");
+            let list = format!("# quaternions = [{{ from = [{from}], order = \"wxyz\", frames = \"frd_to_ned\" }}]");
+            text += &format!("{list}   # a quaternion; check its order and frames\n");
+        }
+        let named = |c: &&ColumnSample| {
+            let quoted_name = quoted(&c.name);
+            clock.toml.contains(&quoted_name)
+                || schemas::flight::KEYS.iter().any(|key| key_column(topic, key) == Some(c.name.as_str()))
+                || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
+                || positions.iter().any(|positions| positions.reads(&c.name))
+        };
+        let others: Vec<String> =
+            topic.columns.iter().filter(|c| !named(c)).map(|c| one_line(&c.name).into_owned()).collect();
+        if !others.is_empty() {
+            let line = format!("not recognised: {}", others.join(", "));
+            text += &wrapped(&line);
+            unused.push(line);
+        }
+        text
     }
-    let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
-    for guess in left {
-        let line = format!("{}: {}", one_line(&guess.ours), guess.why);
-        text += &format!("# {line}\n");
-        unused.push(line);
-    }
-    let quaternions: Vec<[&str; 4]> = columns::quaternions(topic);
-    for q in &quaternions {
-        let from = q.iter().map(|n| quoted(n)).collect::<Vec<_>>().join(", ");
-        let list = format!("# quaternions = [{{ from = [{from}], order = \"wxyz\", frames = \"frd_to_ned\" }}]");
-        text += &format!("{list}   # a quaternion; check its order and frames\n");
-    }
-    let named = |c: &&ColumnSample| {
-        let quoted_name = quoted(&c.name);
-        clock.toml.contains(&quoted_name)
-            || schemas::flight::KEYS.iter().any(|key| key_column(topic, key) == Some(c.name.as_str()))
-            || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
-            || positions.iter().any(|(columns, _)| [&columns.easting, &columns.northing].contains(&&c.name))
-    };
-    let others: Vec<String> =
-        topic.columns.iter().filter(|c| !named(c)).map(|c| one_line(&c.name).into_owned()).collect();
-    if !others.is_empty() {
-        let line = format!("not recognised: {}", others.join(", "));
-        text += &wrapped(&line);
-        unused.push(line);
-    }
-    text
 }
 
 /// Comment, broken into lines of a readable length.

@@ -27,6 +27,7 @@
 
 mod aircraft;
 mod constant;
+mod estimate;
 mod interval;
 mod outliers;
 mod permanent;
@@ -44,72 +45,11 @@ use crate::regression::consistency::{normalised_innovations, statistical_ineffic
 
 pub use aircraft::{AircraftFieldAlong, AircraftStates};
 pub use constant::height_gain;
+pub use estimate::{IntervalEstimate, LineNoise};
 pub use interval::denser;
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
 pub use thinned::rows_at;
-
-/// Noise of a line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineNoise {
-    /// White noise of each thinned measurement, in nT, increased for the correlation of the innovations.
-    pub sigma_nt: IntervalEstimate,
-    /// Standard deviation of the Gauss-Markov process, in nT.
-    pub fogm_sigma_nt: IntervalEstimate,
-    /// Time constant of the Gauss-Markov process, in seconds.
-    pub fogm_tau_s: IntervalEstimate,
-    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
-    /// constant, in seconds, reduced so that the process noise increases by the same factor.
-    pub permanent: Option<[IntervalEstimate; 2]>,
-    /// Prior standard deviation of the lag of the magnetometer, in seconds, if it is given or detected.
-    pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, if it
-    /// is given or detected.
-    pub map_height_sigma_m: Option<f64>,
-    /// Factor on the variance of the map's own error at each sample, increased for the correlation of the innovations;
-    /// 0 if no map error is given or detected.
-    pub map_factor: f64,
-    /// Factor by which `sigma_nt` was increased; 1 for white innovations. `map_factor` contains the square of this
-    /// factor.
-    pub inflation: f64,
-    /// Logarithm of the likelihood, with the prior and without its constant.
-    pub log_likelihood: f64,
-    /// Number of predicted measurements.
-    pub used: usize,
-}
-
-impl LineNoise {
-    /// Parameters, without the increase for the correlation of the innovations.
-    fn point(&self) -> NoisePoint {
-        let [permanent_nt, permanent_tau_s] = self.permanent.map_or([0.0; 2], |of| of.map(|estimate| estimate.value));
-        let white_nt = self.sigma_nt.value / self.inflation;
-        [white_nt, self.fogm_sigma_nt.value, self.fogm_tau_s.value, permanent_nt, permanent_tau_s]
-    }
-
-    /// Factor on the variance of the map's own error, without that increase.
-    fn own_map_factor(&self) -> f64 {
-        self.map_factor / (self.inflation * self.inflation)
-    }
-}
-
-/// Estimated parameter with its 95 % interval; for a given parameter, the interval has zero width. The interval follows
-/// from the likelihood and does not include errors of the noise model.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct IntervalEstimate {
-    /// Estimate.
-    pub value: f64,
-    /// Lower end of the interval.
-    pub low: f64,
-    /// Upper end of the interval.
-    pub high: f64,
-}
-
-impl IntervalEstimate {
-    /// Returns the estimate and its interval, multiplied by a factor.
-    fn scaled(self, by: f64) -> Self {
-        Self { value: by * self.value, low: by * self.low, high: by * self.high }
-    }
-}
 
 /// Line, and settings of the search for the noise of the line.
 #[derive(Clone, Copy, Debug)]
@@ -303,6 +243,14 @@ impl InnovationLikelihood {
     /// Logarithm of the likelihood; -infinity if fewer measurements were used.
     fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
+    }
+}
+
+impl<'a> NoiseLikelihood<'a> {
+    /// Likelihood with the states and the map error of a noise.
+    fn with_noise(search: &'a NoiseSearch<'a>, thinned: &'a ThinnedLine, terms: &'a [f64], noise: &LineNoise) -> Self {
+        let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
+        Self { search, thinned, terms, map_factor: noise.own_map_factor(), latency_sigma_s, map_height_sigma_m }
     }
 }
 

@@ -79,10 +79,12 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
 /// A scalar magnetometer under an unused number: a second sensor is `mag_2_uc`, its compensated reading `mag_2_c`.
 fn numbered(mut guess: ColumnGuess, taken: &[ColumnGuess]) -> ColumnGuess {
     let is_taken = |name: &str| taken.iter().any(|g| g.is_used() && g.ours == name);
-    let suffix = match guess.ours.as_str() {
-        name if flight::is_scalar_reading(name) => "uc",
-        name if flight::is_compensated(name) => "c",
-        _ => return guess,
+    let suffix = if flight::is_scalar_reading(&guess.ours) {
+        "uc"
+    } else if flight::is_compensated(&guess.ours) {
+        "c"
+    } else {
+        return guess;
     };
     if guess.is_used() && is_taken(&guess.ours) {
         let free = (1..).map(|n| format!("mag_{n}_{suffix}")).find(|name| !is_taken(name));

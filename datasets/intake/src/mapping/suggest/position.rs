@@ -10,6 +10,7 @@ use super::{
     columns::{declared_unit, has},
     quoted,
     sample::ColumnSample,
+    wrapped,
 };
 
 /// Words of eastings and northings, also in German, French and Spanish.
@@ -19,29 +20,30 @@ const NORTHING: [&str; 9] = ["northing", "northings", "utmn", "utmy", "north", "
 const LARGE_M: std::ops::Range<f64> = 1e4..2e7;
 /// Magnitude of earth-centred coordinates at flight heights, in metres.
 const EARTH_CENTRED_M: std::ops::Range<f64> = 6.3e6..6.5e6;
+/// EPSG code in the question about an unknown system.
+const EXAMPLE_EPSG: u16 = 32754;
 
 /// Columns of eastings and northings.
 #[derive(Clone, Debug)]
 pub struct ProjectedColumns {
-    /// Column of eastings.
-    pub easting: String,
-    /// Column of northings.
-    pub northing: String,
+    easting: String,
+    northing: String,
     /// Unit that the file gives.
     unit: Option<String>,
-    /// Median easting and northing, in metres.
-    median_m: (f64, f64),
+    /// EPSG code and its reason, if the coordinate system is known.
+    system: Option<(u16, String)>,
 }
 
 impl ProjectedColumns {
     /// Columns of eastings and northings of a table, recognised by their names and the size of their values.
-    pub fn find(topic: &TopicSample) -> Option<ProjectedColumns> {
+    pub fn find(topic: &TopicSample, known: &KnownSystem) -> Option<ProjectedColumns> {
         let named = |words: &[&str], letters: [&str; 2]| {
-            let by_word = topic.columns.iter().find(|c| has(&c.words(), words) && is_large(c));
-            by_word.or_else(|| topic.columns.iter().find(|c| is_letter(c, letters) && is_large(c)))
+            let large = |column| median_m(column).filter(|m| LARGE_M.contains(&m.abs())).map(|m| (column, m));
+            let by_word = topic.columns.iter().filter(|c| has(&c.words(), words)).find_map(large);
+            by_word.or_else(|| topic.columns.iter().filter(|c| is_letter(c, letters)).find_map(large))
         };
-        let (easting, northing) = (named(&EASTING, ["x", "e"])?, named(&NORTHING, ["y", "n"])?);
-        if is_earth_centred(topic, easting, northing) {
+        let ((easting, x_m), (northing, y_m)) = (named(&EASTING, ["x", "e"])?, named(&NORTHING, ["y", "n"])?);
+        if is_earth_centred(topic, x_m, y_m) {
             return None;
         }
         let unit = declared_unit(easting, "m").filter(|unit| declared_unit(northing, "m").as_ref() == Some(unit));
@@ -49,43 +51,38 @@ impl ProjectedColumns {
             easting: easting.name.clone(),
             northing: northing.name.clone(),
             unit,
-            median_m: (metres(easting)?, metres(northing)?),
+            system: known.of_position(x_m, y_m),
         })
     }
 
-    /// The line of a mapping, with a known EPSG code.
-    pub fn toml(&self, epsg: u16) -> String {
+    /// Lines of a mapping: the key, or the question and the key as a comment.
+    pub fn text(&self) -> String {
+        match &self.system {
+            Some((epsg, why)) => format!("{}   # {why}\n", self.toml(*epsg)),
+            None => format!("{}# {}\n", wrapped(&format!("? {}", self.question())), self.toml(EXAMPLE_EPSG)),
+        }
+    }
+
+    /// Whether a column of the file is one of the two.
+    pub fn reads(&self, name: &str) -> bool {
+        self.easting == name || self.northing == name
+    }
+
+    /// The question about the coordinate system, if it is unknown.
+    pub fn open_question(&self) -> Option<String> {
+        self.system.is_none().then(|| self.question())
+    }
+
+    fn toml(&self, epsg: u16) -> String {
         let unit = self.unit.as_ref().map_or(String::new(), |unit| format!(", unit = {}", quoted(unit)));
         let (easting, northing) = (quoted(&self.easting), quoted(&self.northing));
         format!("projected = {{ easting = {easting}, northing = {northing}, epsg = {epsg}{unit} }}")
     }
 
-    /// The coordinate system and the reason: the given system, or a system of the map in which the median position is
-    /// on the map.
-    pub fn system(&self, known: &KnownSystem) -> Option<(u16, String)> {
-        match known {
-            KnownSystem::Unknown => None,
-            KnownSystem::Given(crs) => Some((crs.code(), crs.name().to_owned())),
-            KnownSystem::OfMap(map) => {
-                let (lat, lon) = map.bounds_deg().ok()?;
-                let middle = (0.5 * (lat.0 + lat.1), 0.5 * (lon.0 + lon.1));
-                let own = (!map.crs.is_geographic()).then(|| map.crs.clone());
-                let zone = Crs::utm_zone_of(middle.0, middle.1).ok();
-                let crs = own.into_iter().chain(zone).find(|crs| {
-                    let (x, y) = (self.median_m.0 / crs.unit_m(), self.median_m.1 / crs.unit_m());
-                    let on = |(low, high): (f64, f64), value: f64| (low..=high).contains(&value);
-                    crs.unproject(x, y).is_some_and(|place| on(lat, place.0) && on(lon, place.1))
-                })?;
-                Some((crs.code(), format!("guess: in {}, the positions are on the map", crs.name())))
-            }
-        }
-    }
-
-    /// Question about the coordinate system.
-    pub fn question(&self) -> String {
+    fn question(&self) -> String {
         format!(
             "which coordinate system do the eastings `{}` and the northings `{}` have? Give its EPSG code with \
-             `--epsg`, such as 32754 for UTM zone 54 south, or set `projected`",
+             `--epsg`, such as {EXAMPLE_EPSG} for UTM zone 54 south, or set `projected`",
             one_line(&self.easting),
             one_line(&self.northing)
         )
@@ -118,6 +115,27 @@ impl<'a> KnownSystem<'a> {
             None => Ok(map.map_or(KnownSystem::Unknown, KnownSystem::OfMap)),
         }
     }
+
+    /// EPSG code of the system of a position in metres, and the reason: the given system, or a system of the map in
+    /// which the position is on the map.
+    fn of_position(&self, x_m: f64, y_m: f64) -> Option<(u16, String)> {
+        match self {
+            KnownSystem::Unknown => None,
+            KnownSystem::Given(crs) => Some((crs.code(), crs.name().to_owned())),
+            KnownSystem::OfMap(map) => {
+                let (lat, lon) = map.bounds_deg().ok()?;
+                let middle = (0.5 * (lat.0 + lat.1), 0.5 * (lon.0 + lon.1));
+                let own = (!map.crs.is_geographic()).then(|| map.crs.clone());
+                let zone = Crs::utm_zone_of(middle.0, middle.1).ok();
+                let on = |(low, high): (f64, f64), value: f64| (low..=high).contains(&value);
+                let crs = own.into_iter().chain(zone).find(|crs| {
+                    let place = crs.position(x_m / crs.unit_m(), y_m / crs.unit_m());
+                    place.is_some_and(|place| on(lat, place.0) && on(lon, place.1))
+                })?;
+                Some((crs.code(), format!("guess: in {}, the positions are on the map", crs.name())))
+            }
+        }
+    }
 }
 
 /// Whether the name of a column is one of two letters, such as `X` or `UTM_X`.
@@ -128,20 +146,14 @@ fn is_letter(column: &ColumnSample, letters: [&str; 2]) -> bool {
     rest.len() + 1 == words.len() && rest.iter().all(|word| SYSTEM.contains(&word.as_str()))
 }
 
-fn metres(column: &ColumnSample) -> Option<f64> {
+/// Median in metres; values without a unit are in metres.
+fn median_m(column: &ColumnSample) -> Option<f64> {
     let factor = declared_unit(column, "m").and_then(|unit| convert(&unit, "m")).unwrap_or(1.0);
     Some(column.median()? * factor)
 }
 
-fn is_large(column: &ColumnSample) -> bool {
-    metres(column).is_some_and(|m| LARGE_M.contains(&m.abs()))
-}
-
-/// Whether the columns have a third component, with which they are earth-centred coordinates.
-fn is_earth_centred(topic: &TopicSample, x: &ColumnSample, y: &ColumnSample) -> bool {
-    let third = topic.columns.iter().filter(|c| c.name != x.name && c.name != y.name && is_letter(c, ["z", "z"]));
-    third.filter_map(metres).any(|z| {
-        let size = |x: f64, y: f64| (x * x + y * y + z * z).sqrt();
-        metres(x).zip(metres(y)).is_some_and(|(x, y)| EARTH_CENTRED_M.contains(&size(x, y)))
-    })
+/// Whether a position has a third component, with which it is earth-centred.
+fn is_earth_centred(topic: &TopicSample, x_m: f64, y_m: f64) -> bool {
+    let third = topic.columns.iter().filter(|c| is_letter(c, ["z", "z"])).filter_map(median_m);
+    third.map(|z_m| x_m.hypot(y_m).hypot(z_m)).any(|size_m| EARTH_CENTRED_M.contains(&size_m))
 }

@@ -27,22 +27,15 @@ const LEAST_GAIN: f64 = 6.0;
 /// contains its effect.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
-/// Increase of the logarithm of the likelihood by a state for the height bias, at the noise `noise` or a smaller noise.
-/// This is a test without a search: a positive value means that a search may find a bias.
+/// Increase of the logarithm of the likelihood by a state for the height bias, at the noise `noise`, which has no such
+/// state, or at a smaller noise. This is a test without a search: a positive value means that a search may find a bias.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
 pub fn height_gain(search: &NoiseSearch<'_>, noise: &LineNoise) -> Result<f64, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
-    let exact = NoiseLikelihood {
-        search,
-        thinned: &thinned,
-        terms: &[],
-        map_factor: noise.own_map_factor(),
-        latency_sigma_s: noise.latency_sigma_s,
-        map_height_sigma_m: None,
-    };
+    let exact = NoiseLikelihood::with_noise(search, &thinned, &[], noise);
     let biased = NoiseLikelihood { map_height_sigma_m: Some(MAP_HEIGHT.prior_sigma), ..exact };
     let own = exact.scores(&[noise.point()])[0];
     let scores = biased.scores(&exact.quieter_points(noise.point()));

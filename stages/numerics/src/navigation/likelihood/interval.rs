@@ -24,10 +24,7 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
-    let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
-    let map_factor = noise.own_map_factor();
-    let (thinned, terms) = (&thinned, &terms);
-    let likelihood = NoiseLikelihood { search, thinned, terms, map_factor, latency_sigma_s, map_height_sigma_m };
+    let likelihood = NoiseLikelihood::with_noise(search, &thinned, &terms, noise);
     let [white_nt, others @ ..] = noise.point();
     let [fogm_nt, tau_s, permanent_nt, permanent_tau_s] = others;
     let point = |by: f64| [by * white_nt, fogm_nt, tau_s, permanent_nt, permanent_tau_s];
@@ -45,7 +42,7 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     }
     Ok(Some(LineNoise {
         sigma_nt: noise.sigma_nt.scaled(best[0] / noise.sigma_nt.value),
-        map_factor,
+        map_factor: likelihood.map_factor,
         inflation: 1.0,
         log_likelihood: score.log,
         used: score.used,
