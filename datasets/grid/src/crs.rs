@@ -2,12 +2,17 @@
 
 use std::{fmt, path::Path, sync::Arc};
 
-use numerics::maps::projection::Projection;
+use numerics::{angle::wrap_deg, maps::projection::Projection};
 
 use crate::ReadError;
 
 /// The code of WGS-84 latitude and longitude in degrees.
 pub const WGS84: u16 = 4326;
+/// Largest error of a conversion to degrees and back, in metres. The conversion of some old datums has 0.25 m.
+const ROUND_TRIP_M: f64 = 1.0;
+/// Largest difference between the longitude of a position and the central meridian of its UTM zone, in degrees. The
+/// widest zone, 32V, extends 6 degrees to one side.
+const UTM_REACH_DEG: f64 = 6.5;
 
 /// A coordinate reference system, to and from WGS-84 degrees. Systems with equal codes are equal.
 #[derive(Clone)]
@@ -104,6 +109,23 @@ impl Crs {
     /// WGS-84 latitude and longitude in degrees of an easting and northing (or longitude and latitude).
     pub fn unproject(&self, easting: f64, northing: f64) -> Option<(f64, f64)> {
         self.projection.unproject(easting, northing)
+    }
+
+    /// WGS-84 latitude and longitude in degrees of measured coordinates. Unlike with `unproject`, coordinates that are
+    /// not a position in the system are `None`: their latitude is beyond a pole, or their projection is more than 1 m
+    /// from them.
+    pub fn position(&self, easting: f64, northing: f64) -> Option<(f64, f64)> {
+        let (lat, lon) = self.unproject(easting, northing).filter(|(lat, _)| lat.abs() <= 90.0)?;
+        let back = |(x, y): (f64, f64)| (x - easting).hypot(y - northing) * self.unit_m() < ROUND_TRIP_M;
+        (self.is_geographic() || self.project(lat, lon).is_some_and(back)).then_some((lat, lon))
+    }
+
+    /// Whether a longitude in degrees is within 6.5 degrees of the central meridian of a UTM zone; always true for
+    /// other systems.
+    pub fn is_near_zone(&self, lon_deg: f64) -> bool {
+        let mut words = self.definition.split_whitespace();
+        let zone = words.find_map(|word| word.strip_prefix("+zone=")).and_then(|zone| zone.parse::<f64>().ok());
+        zone.is_none_or(|zone| wrap_deg(lon_deg - (zone * 6.0 - 183.0)).abs() < UTM_REACH_DEG)
     }
 
     /// Whether its coordinates at a position are degrees of WGS-84 within about a metre.

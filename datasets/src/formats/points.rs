@@ -235,7 +235,7 @@ impl<'a> PointColumnRoles<'a> {
         let pick =
             |values: &[f64]| -> Vec<f64> { kept.iter().map(|i| values.get(*i).copied().unwrap_or(f64::NAN)).collect() };
         let (x, y) = (pick(&x), pick(&y));
-        let (lat_deg, lon_deg) = self.degrees(path, &x, &y, &kept)?;
+        let (lat_deg, lon_deg) = self.degrees(path, (&x, &y), &kept, usual)?;
         let crs = match options.to_epsg {
             None if !self.system.is_geographic() => self.system.clone(),
             to_epsg => plane(path, to_epsg, &lat_deg, &lon_deg)?,
@@ -338,15 +338,30 @@ impl<'a> PointColumnRoles<'a> {
         Ok(heights)
     }
 
-    fn degrees(&self, path: &Path, x: &[f64], y: &[f64], rows: &[usize]) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
+    /// Latitudes and longitudes in degrees. `usual` is whether positions far from the zone of their system are rejected.
+    fn degrees(
+        &self,
+        path: &Path,
+        (x, y): (&[f64], &[f64]),
+        rows: &[usize],
+        usual: bool,
+    ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
         let mut places = (Vec::with_capacity(x.len()), Vec::with_capacity(x.len()));
         for ((x, y), row) in x.iter().zip(y).zip(rows) {
-            let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.unproject(*x, *y) };
-            let place = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0);
-            let (lat, lon) = place.ok_or_else(|| {
-                let what = format!("({x}, {y}) is not a position in EPSG:{}", self.system.code());
-                ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help("check the EPSG code")
-            })?;
+            let fault = |what: String, help: &str| {
+                Err(ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help(help))
+            };
+            let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.position(*x, *y) };
+            let Some((lat, lon)) = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0) else {
+                let what = format!("x {x} and y {y} are not a position in {}", self.system);
+                return fault(what, "check the columns, their units and the EPSG code");
+            };
+            if usual && !self.system.is_near_zone(lon) {
+                let what = format!("x {x} and y {y} are more than 6.5 degrees from the meridian of {}", self.system);
+                let help = "check the columns, their units and the EPSG code; set `accept = [\"range\"]` or use \
+                            `--accept range` to keep the positions";
+                return fault(what, help);
+            }
             places.0.push(lat);
             places.1.push(wrap_deg(lon));
         }

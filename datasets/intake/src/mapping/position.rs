@@ -2,22 +2,15 @@
 
 use std::path::Path;
 
-use arrow_schema::DataType;
-use datasets::{Crs, coordinate_factor};
-use schemas::{Fault, field, flight};
+use datasets::{Crs, ReadError, coordinate_factor};
+use schemas::Fault;
 
 use super::{
     columns::{ColumnRecipe, MappingColumns},
     declare::ProjectedPositionKeys,
     document::SpannedValue,
-    make::{ColumnRecipes, is_key},
+    make::{ColumnRecipes, angle_fields},
 };
-
-/// Largest error of a conversion to degrees and back, in metres. The conversion of some old datums has 0.25 m.
-const ROUND_TRIP_M: f64 = 1.0;
-/// Largest difference between the longitude of a position and the central meridian of its UTM zone, in degrees. The
-/// widest zone, 32V, extends 6 degrees to one side.
-const UTM_REACH_DEG: f64 = 6.5;
 
 /// Conversion of eastings and northings to WGS-84 degrees.
 #[derive(Clone, Debug)]
@@ -46,16 +39,7 @@ impl ProjectedPosition {
 
     fn one(&self, easting: f64, northing: f64) -> Result<(f64, f64), Fault> {
         let (x, y) = (easting * self.factor, northing * self.factor);
-        let back = |(lat, lon): &(f64, f64)| {
-            self.crs
-                .project(*lat, *lon)
-                .is_some_and(|(x2, y2)| (x2 - x).hypot(y2 - y) * self.crs.unit_m() < ROUND_TRIP_M)
-        };
-        let near = |(_, lon): &(f64, f64)| {
-            let apart = |meridian: f64| ((lon - meridian + 180.0).rem_euclid(360.0) - 180.0).abs();
-            utm_meridian_deg(&self.crs).is_none_or(|meridian| apart(meridian) < UTM_REACH_DEG)
-        };
-        let place = self.crs.unproject(x, y).filter(|place| place.0.abs() <= 90.0 && near(place) && back(place));
+        let place = self.crs.position(x, y).filter(|(_, lon)| self.crs.is_near_zone(*lon));
         place.ok_or_else(|| {
             let what = format!("easting {easting} and northing {northing} are not a position in {}", self.crs);
             Fault::data(what).help("check `easting`, `northing`, `epsg` and `unit` of `projected` in the mapping")
@@ -63,11 +47,10 @@ impl ProjectedPosition {
     }
 }
 
-/// Central meridian of a UTM zone, from the definition of the system.
-fn utm_meridian_deg(crs: &Crs) -> Option<f64> {
-    let mut words = crs.definition().split_whitespace();
-    let zone: f64 = words.find_map(|word| word.strip_prefix("+zone="))?.parse().ok()?;
-    Some(zone * 6.0 - 183.0)
+/// The fault of reading a coordinate system or a unit, which are in the mapping and not in the file.
+fn without_file(error: ReadError) -> Fault {
+    let fault = Fault::from(error);
+    Fault { help: fault.help, ..Fault::new(fault.what) }
 }
 
 /// Adds the columns of latitude and longitude.
@@ -93,8 +76,7 @@ pub(super) fn one_position(
         }
         Ok(crs) => crs,
         Err(e) => {
-            let fault = Fault::from(e);
-            columns.push(Fault { help: fault.help, ..Fault::new(fault.what) }.at(given.at("epsg")));
+            columns.push(without_file(e).at(given.at("epsg")));
             return;
         }
     };
@@ -109,21 +91,12 @@ pub(super) fn one_position(
     let factor = match coordinate_factor(&place, unit, &crs, &mut made.notes) {
         Ok(factor) => factor,
         Err(e) => {
-            let fault = Fault::from(e);
-            columns.push(Fault { help: fault.help, ..Fault::new(fault.what) }.at(given.at("unit")));
+            columns.push(without_file(e).at(given.at("unit")));
             return;
         }
     };
-    for name in &keys.to {
-        if is_key(name, &given.at, columns) {
-            return;
-        }
-        let known = flight::describe(name);
-        if !known.unit.is_empty() && known.unit != "deg" {
-            let what = format!("`{name}` is in {}, not an angle", known.unit);
-            columns.push(Fault::new(what).at(given.at("to")));
-        }
-        made.fields.push((field(name, DataType::Float64, "deg", known.role, known.description), given.at.clone()));
+    if !angle_fields(&keys.to, given, columns, made) {
+        return;
     }
     made.notes.push(format!("`{}` and `{}` are converted from {crs}", keys.to[0], keys.to[1]));
     let position = Box::new(ProjectedPosition { crs, factor });

@@ -80,7 +80,16 @@ fn unit_text_with_line_records_equals_a_table_with_a_line_column() {
     assert!(lost.len() == 1 && lost.notes.iter().any(|n| n.starts_with("1 points without a position")));
     let off = write("d.csv", "lon,lat,mag\n1,2,3\n1,95,4\n");
     let fault = read_points(&off, &PointOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("row 1: (1, 95) is not a position"), "{fault}");
+    assert!(fault.contains("row 1: x 1 and y 95 are not a position"), "{fault}");
+    let options = PointOptions { epsg: Some(32630), ..PointOptions::default() };
+    let kept = PointOptions { accept: vec![PlausibilityCheck::Range], ..options.clone() };
+    // Exchanged columns, a wrong zone, and no position at all.
+    for (row, never) in [("5600000,500000", false), ("1400000,5600000", false), ("50000000,5600000", true)] {
+        let far = write("e.csv", &format!("easting,northing,mag\n500000,5600000,2\n{row},3\n"));
+        let fault = read_points(&far, &options).unwrap_err().to_string();
+        assert!(fault.contains("row 1") && fault.contains("EPSG:32630"), "{fault}");
+        assert_eq!(read_points(&far, &kept).is_err(), never);
+    }
 }
 
 #[test]
