@@ -230,13 +230,13 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP
     {
-        let text = format!("{:.0} % of the samples are off the map and have no measurement update", 100.0 * share);
+        let text = format!("{:.0} % of the measurements are off the map and are not used", 100.0 * share);
         add(WarningKind::OffMap, (share, limits::OFF_MAP, "1"), text);
     }
     if let Some(share) = row.flat()
         && share > limits::FLAT
     {
-        let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
+        let text = format!("the map is too flat to correct the position at {:.0} % of the measurements", 100.0 * share);
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some((error_nt, limit)) = facts.map_height_nt() {

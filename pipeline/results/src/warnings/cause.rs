@@ -259,8 +259,8 @@ impl<'a> LineFacts<'a> {
         let exceeds = |residual: &f64, sigma: f64| *residual > limits::RESIDUAL_SIGMAS * sigma;
         found.extend(self.assumed_and_residual(settings, exceeds));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
-            // A filter that diverges also leaves the map, so samples off the map need not be the cause.
-            found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
+            // A filter that diverges also leaves the map, so measurements off the map need not be the cause.
+            found.push(format!("{:.0} % of the measurements are off the map", 100.0 * share));
         }
         let consistent = || row.get(&track::NEES).is_some_and(|nees| nees <= limits::CONSISTENT_NEES);
         if found.is_empty() && kind == WarningKind::WorseThanIns && consistent() {

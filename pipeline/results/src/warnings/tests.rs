@@ -128,7 +128,7 @@ fn unit_causes_follow_from_known_facts() {
     let height = cause(&[("map_height_error", 12.0)], given(5.0));
     assert!(height.contains("at a different height from the flight (12.00 nT rms)"), "{height}");
     let map = cause(&[("samples_off_map", 40.0)], given(5.0));
-    assert!(map.contains("40 % of the samples are off the map"), "{map}");
+    assert!(map.contains("40 % of the measurements are off the map"), "{map}");
     let date = cause(&[], NavigationSettings { dates: Some((2015.5, 2020.4)), ..given(5.0) });
     assert!(date.contains("`decimal_year` is 2015.50, but the date in the flight is 2020.40"), "{date}");
     assert_eq!(cause(&[], given(5.0)), "");
@@ -297,7 +297,11 @@ fn unit_a_line_over_a_flat_map_is_flagged() {
     row.put("samples_flat", 60.0);
     let warnings = judge(&facts(&row, given(5.0)));
     assert_eq!((warnings.len(), warnings[0].kind, warnings[0].value), (1, WarningKind::Flat, 0.6));
-    assert!(warnings[0].text.contains("60 % of the samples") && warnings[0].cause.is_some(), "{}", warnings[0].text);
+    assert!(
+        warnings[0].text.contains("60 % of the measurements") && warnings[0].cause.is_some(),
+        "{}",
+        warnings[0].text
+    );
 }
 
 #[test]
