@@ -20,7 +20,8 @@ def exported(run: magline.Run, path: Path, *options: str) -> Path:
 
 
 def test_scipy_reads_a_mat_file(run: magline.Run, tmp_path: Path) -> None:
-    expected = pd.read_csv(exported(run, tmp_path / "clean.csv"), dtype={"flight": str, "line": str})
+    texts = {"flight": str, "line": str}
+    expected = pd.read_csv(exported(run, tmp_path / "clean.csv"), dtype=texts, float_precision="round_trip")
     found = loadmat(exported(run, tmp_path / "clean.mat"), squeeze_me=True)
     listed = {row[1]: row for row in found["columns"]}
     assert list(listed) == list(expected.columns)

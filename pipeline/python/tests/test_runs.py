@@ -9,13 +9,17 @@ import subprocess
 import sys
 import threading
 import time
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import magline
 import pytest
 from magline import _toml
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 
 def keys(spec: Path) -> dict[str, Any]:

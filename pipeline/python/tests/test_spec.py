@@ -6,8 +6,8 @@ import inspect
 import keyword
 import re
 import subprocess
+import sys
 import sysconfig
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,11 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from magline import Spec
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 COMMAND = str(Path(sysconfig.get_path("scripts")) / "magline")
 SAMPLE = "../samples/magnavjl_tl/magnavjl_tl.parquet"

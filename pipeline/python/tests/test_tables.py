@@ -21,7 +21,8 @@ def by_command(store: str, query: str) -> str:
 
 @pytest.mark.parametrize("name", ["coefficients", "scores_pooled"])
 def test_a_table_is_the_table_of_the_command(run: magline.Run, name: str) -> None:
-    expected = pd.read_csv(io.StringIO(by_command(run.store.path, f"select * from tolles_lawson.{name}")))
+    text = by_command(run.store.path, f"select * from tolles_lawson.{name}")
+    expected = pd.read_csv(io.StringIO(text), float_precision="round_trip")
     table = run.table(name)
     pandas = table.pandas()
     assert table.columns == list(expected.columns) == list(pandas.columns)
@@ -36,7 +37,7 @@ def test_a_table_is_the_table_of_the_command(run: magline.Run, name: str) -> Non
 
 def test_a_table_of_lines_has_keys_and_columns_that_pass_through(run: magline.Run) -> None:
     query = "select lambda, tt, mag_1_uc, mag_c from tolles_lawson.clean order by lambda, tt"
-    expected = pd.read_csv(io.StringIO(by_command(run.store.path, query)))
+    expected = pd.read_csv(io.StringIO(by_command(run.store.path, query)), float_precision="round_trip")
     found = pl.DataFrame(run.table("clean")).sort("lambda", "tt")
     assert {"lambda", "flight", "line", "tt", "mag_1_uc", "mag_c"} <= set(found.columns)
     assert found.height == 4000

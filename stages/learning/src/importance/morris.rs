@@ -97,9 +97,8 @@ pub fn elementary_effects<E>(
             let (from, to) = points[place * width..][..2 * width].split_at(width);
             let moved = |column: usize| to[column] - from[column];
             let group = groups.iter().position(|columns| columns.iter().any(|j| moved(*j).abs() > 0.5 * step));
-            let Some(group) = group else {
-                return Err(ImportanceError::Group { group: place, what: "does not move in a trajectory" });
-            };
+            // A step that moves no group leaves one group with too few effects, which is an error below.
+            let Some(group) = group else { continue };
             let change = (pair[1] - pair[0]) / step;
             all[group].effects.push(match groups[group][..] {
                 [column] => change * moved(column).signum(),
