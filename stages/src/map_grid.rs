@@ -59,9 +59,9 @@ stage! {
     /// Use `map_grid` to make a navigation map from the survey lines that `where` selects. `equivalent_sources` gives a
     /// potential field at one height, by default the height of the highest point. The potential field can be continued
     /// to other heights. `minimum_curvature` interpolates the values at the flight heights, and does not require
-    /// heights. Levelling is part of this stage because it uses the crossings of the points that are gridded: in the
-    /// map's coordinates, after the reduction to blocks. Do not grid the lines that are navigated, because the map
-    /// would then contain the field measured along these lines.
+    /// heights. Levelling is part of this stage, because it uses the crossings in the map's coordinates and the values
+    /// without core field and diurnal variation. Do not grid the lines that are navigated, because the map would then
+    /// contain the field measured along these lines.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are

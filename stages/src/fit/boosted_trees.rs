@@ -48,7 +48,7 @@ model! {
     /// Lines or flights that are used for validation instead of training. A line is given as `1003.08`, or with its
     /// flight as `1003/1003.08`. The result has the number of trees with the smallest validation loss.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Number of trees without a smaller validation loss after which training stops.
+    /// Training stops after this number of consecutive trees without a smaller validation loss.
     patience: Option<usize>, unit "1", absent "training builds all trees", rule Rule::Positive;
     /// Seed for the subsample of each tree.
     seed: usize, unit "", default 0usize;

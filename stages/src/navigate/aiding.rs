@@ -30,7 +30,7 @@ params! {
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
     /// Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and `gnss_alt_sigma_m`. The
-    /// added noise of a line is the same in every run. Without added noise, true positions are exact, and the filter
+    /// added noise of a line is the same in every run. True positions have no error: without added noise, the filter
     /// appears more accurate than with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if the columns of `gnss` have the role `truth`";
     /// Tests each GNSS position against the INS position and does not use rejected positions. A chi-square test of each

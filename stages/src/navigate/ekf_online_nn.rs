@@ -78,7 +78,7 @@ fn inputs(flight: &FilterFlight, column: &str) -> Result<Vec<String>, Vec<Fault>
         ColumnType::List(names) => Ok(names.clone()),
         _ => {
             let what = format!("`{column}` is not a list of features");
-            let help = "set `features` to the list column of a `features` or an `a_matrix`";
+            let help = "set `features` to the list column of a stage `features` or `a_matrix`";
             Err(vec![Fault::new(what).of_param("features").help(help)])
         }
     }

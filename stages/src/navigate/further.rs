@@ -48,9 +48,9 @@ params! {
     /// Uses the scalar measurement `mag` in the measurement update. `false` ignores `mag`, for example in a magnetic
     /// storm, and requires the difference (`gradient`) or the vector (`vector_sigma_nt`).
     use_scalar: bool, unit "", default true;
-    /// Standard deviation of the white noise of each component of `vector`. If set, the vector magnetometer measures
-    /// the total field and the attitude, except for rotation about the field direction. This key requires `core_field =
-    /// true` and a calibrated vector magnetometer.
+    /// Standard deviation of the white noise of each component of `vector`. If set, the components are used as
+    /// measurements. They depend on the total field and on the attitude, but not on a rotation about the field
+    /// direction. This key requires `core_field = true` and a calibrated vector magnetometer.
     vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not a measurement", rule Rule::Positive;
     /// Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a bias of 50 nT
     /// corresponds to an attitude error of 0.06°.
@@ -82,8 +82,8 @@ params! {
     /// may be negative. 0 omits this state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
     /// available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s",
-        absent "time stamps are assumed to be exact; `tuning = \"auto\"` sets 1.0 if a state for the lag clearly \
-            increases the likelihood",
+        absent "1.0 with `tuning = \"auto\"` if a state for the lag clearly increases the likelihood, otherwise 0 \
+            (exact time stamps)",
         rule Rule::NotNegative;
     /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
     /// Possible causes are a constant error of the barometer, a missing geoid height, and a wrong map height. If set,
@@ -93,8 +93,8 @@ params! {
     /// Otherwise, set `map_levels_m`. 0 omits this state. The columns `map_height_bias` and `map_height_bias_sigma` are
     /// appended. This key is available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
-        absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if a bias clearly increases the \
-            likelihood. Unless `map_levels_m` is set, it then continues the map up to 200 m below and above the line",
+        absent "50 with `tuning = \"auto\"` if a bias clearly increases the likelihood, otherwise 0 (exact height). To \
+            find a bias, `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is set",
         rule Rule::NotNegative;
     /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
     /// right, down). The filter estimates the three components as additional states. The attitude and the core field
@@ -102,13 +102,13 @@ params! {
     /// deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is available in `ekf`,
     /// `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "0; `tuning = \"auto\"` estimates the value by maximum likelihood if these states clearly increase the \
-                likelihood",
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"` if these states clearly increase the \
+            likelihood, otherwise 0",
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
-        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise the change is constant along the \
-            line",
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise infinite: a change that is \
+            constant along the line",
         rule Rule::Positive;
     /// Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at which a sample corrects
     /// the position. At a larger ratio, the map is too flat to observe the position. The sample is then `flat`: it

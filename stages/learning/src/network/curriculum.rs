@@ -135,7 +135,7 @@ impl NetworkTraining {
         if near.contains(&true) {
             return Ok(Some(near));
         }
-        let what = "the number of standard deviations of the curriculum";
+        let what = "the threshold of the curriculum, in standard deviations,";
         Err(TrainingError::Setting { what, wanted: "large enough to select a sample", given: deviations })
     }
 }

@@ -250,7 +250,7 @@ impl NetworkTraining {
             ("alpha of the sparse group lasso", "between 0 and 1", lasso.alpha, (0.0..=1.0).contains(&lasso.alpha)),
             ("the weight of the physics term", "a number of at least 0", self.physics, at_least_0(self.physics)),
             (
-                "the number of standard deviations of the curriculum",
+                "the threshold of the curriculum, in standard deviations,",
                 "a number above 0",
                 self.curriculum.unwrap_or(1.0),
                 above_0(self.curriculum.unwrap_or(1.0)),

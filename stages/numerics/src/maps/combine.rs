@@ -98,8 +98,8 @@ pub enum CombineError {
     /// The number of values of a map differs from its number of nodes, the map is too small to be interpolated, or a
     /// step is not above zero.
     #[error(
-        "map {piece} has {values} values for {rows} rows x {columns} columns; a map requires two of each and steps \
-         above zero"
+        "map {piece} has {values} values for {rows} rows x {columns} columns; a map requires at least two rows, two \
+         columns and steps above zero"
     )]
     Size {
         /// The map, from 0.

@@ -285,7 +285,9 @@ impl<'a> TollesLawson<'a> {
                     false => (one - other).abs() <= 1e-9 * (1.0 + other.abs()),
                 };
                 if !given.iter().zip(&*own).all(same) {
-                    let what = format!("the terms of magnetometer {place} and the vector differ in row {row}");
+                    let what = format!(
+                        "the terms of magnetometer {place} differ in row {row} from those of the vector magnetometer"
+                    );
                     return Err(refused("terms", what));
                 }
             }

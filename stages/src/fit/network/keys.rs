@@ -47,8 +47,8 @@ params! {
     batch: usize, unit "samples", default 2048usize, rule Rule::Between(1.0, 1e7);
     /// Learning rate of Adam.
     learning_rate: f64, unit "1", default 0.001, rule Rule::Positive;
-    /// Learning-rate schedule. `cosine` falls to 1 % of `learning_rate`. `plateau` halves the rate after ten epochs
-    /// without a smaller validation loss.
+    /// Learning-rate schedule. With `cosine`, the rate falls to 1 % of `learning_rate`. With `plateau`, the rate is
+    /// halved after ten epochs without a smaller validation loss.
     schedule: LearningSchedule, unit "", default LearningSchedule::Constant;
     /// Loss function: mean squared residual, mean absolute residual, or Huber loss.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
@@ -67,7 +67,7 @@ params! {
     /// Lines or flights that are used for validation instead of training. A line is given as `1003.08`, or with its
     /// flight as `1003/1003.08`. The result has the weights of the epoch with the smallest validation loss.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Number of epochs without a smaller validation loss after which training stops.
+    /// Training stops after this number of consecutive epochs without a smaller validation loss.
     patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
     /// Number of networks in the ensemble. The networks start from different weights, and their predictions are
     /// averaged. The spread of the predictions gives `mag_aircraft_sigma` of `compensate`.

@@ -214,7 +214,7 @@ fn unit_a_scalar_magnetometer_is_rejected_as_a_term() {
     let mut others = flight.terms[0].clone();
     others[18 * 50 + 2] *= 1.001;
     let words = refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer });
-    assert_eq!(words, "the terms of magnetometer 0 and the vector differ in row 50");
+    assert_eq!(words, "the terms of magnetometer 0 differ in row 50 from those of the vector magnetometer");
     others[18 * 50 + 2] = f64::NAN;
     assert!(refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer }).contains("row 50"));
     assert!(
