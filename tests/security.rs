@@ -138,7 +138,7 @@ fn user_expressions_of_a_spec_cannot_fill_the_memory() {
         ));
         let output = bench.magline(&["run", "spec.toml", "-q"]);
         assert_eq!(output.status.code(), Some(2), "{expression}: {}", stderr(&output));
-        assert!(stderr(&output).contains("may exceed the memory"), "{expression}: {}", stderr(&output));
+        assert!(stderr(&output).contains("may not fit in memory"), "{expression}: {}", stderr(&output));
     }
 }
 

@@ -37,12 +37,22 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
     ("roll", d("deg", Role::Truth, "roll, right wing down positive")),
     ("pitch", d("deg", Role::Truth, "pitch, nose up positive")),
     ("yaw", d("deg", Role::Truth, "yaw, clockwise from true north")),
-    ("roll_rate", d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the nose axis")),
+    (
+        "roll_rate",
+        d("deg/s", Role::Aux, "angular rate of the body relative to the north-east-down frame, about the nose axis"),
+    ),
     (
         "pitch_rate",
-        d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the right-wing axis"),
+        d(
+            "deg/s",
+            Role::Aux,
+            "angular rate of the body relative to the north-east-down frame, about the right-wing axis",
+        ),
     ),
-    ("yaw_rate", d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the down axis")),
+    (
+        "yaw_rate",
+        d("deg/s", Role::Aux, "angular rate of the body relative to the north-east-down frame, about the down axis"),
+    ),
     ("msl", d("m", Role::Aux, "height above mean sea level")),
     ("baro", d("m", Role::Aux, "barometric altitude")),
     ("radar", d("m", Role::Aux, "radar altitude above ground")),
@@ -67,7 +77,7 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
         d(
             "",
             Role::Aux,
-            "grade of the INS, and the error sources that differ from the grade, such as `tactical, \
+            "grade of the INS, followed by the error sources whose values differ from this grade, such as `tactical, \
              init_position_sigma_m = 3`",
         ),
     ),
@@ -84,7 +94,7 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
     (
         "anomaly_truth",
-        d("nT", Role::Truth, "total field anomaly: change of the core-field magnitude by the crustal field"),
+        d("nT", Role::Truth, "total field anomaly: change of the field magnitude caused by the crustal field"),
     ),
     ("mag_1_c", d("nT", Role::Truth, "compensated tail-stinger magnetometer")),
     ("mag_1_lag", d("nT", Role::Truth, "compensated tail stinger, lag-corrected")),
@@ -115,7 +125,7 @@ pub fn describe(name: &str) -> ColumnDescription {
         return d("V", Role::Aux, "voltage sensor");
     }
     if name.starts_with("part_") {
-        return d("nT", Role::Truth, "part of a simulated reading");
+        return d("nT", Role::Truth, "contribution to a simulated reading");
     }
     d("", Role::Aux, "")
 }

@@ -159,8 +159,8 @@ impl ContinuationJob<'_> {
     fn warn_if_far(&mut self, distance_m: f64) {
         if is_far(&self.plane, distance_m) {
             self.warnings.push(format!(
-                "{distance_m:.0} m is more than 1/50 of the map's shorter side, so the unknown field beyond the map's \
-                 edges matters"
+                "the continuation by {distance_m:.0} m exceeds 1/50 of the map's shorter side, so the unknown field \
+                 beyond the map's edges causes errors"
             ));
         }
     }

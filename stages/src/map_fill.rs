@@ -159,7 +159,9 @@ impl MapFill {
             let plane = PlaneGrid { east_m, north_m, values: other.anomaly_nt };
             let up_m = level_m - from_m;
             if up_m.is_nan() {
-                warnings.push(format!("a height is unknown; {name} is assumed to have the height of the map"));
+                warnings.push(format!(
+                    "the height of the map or of {name} is unknown; both are assumed to have the same height"
+                ));
             } else if up_m > 0.0 {
                 notes.push(format!("{name} is continued upward by {up_m:.1} m"));
             }

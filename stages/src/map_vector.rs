@@ -138,8 +138,8 @@ impl MapVector {
         let found = spectrum.components(along, 0.0, 0.0).map_err(data)?;
         if found.damped {
             warnings.push(format!(
-                "the inclination of the core field is {inclination_deg:.1} degrees; within 15 degrees of the \
-                 horizontal, the map does not determine waves perpendicular to the core field, so the component is too \
+                "the inclination of the core field is {inclination_deg:.1} degrees; if it is less than 15 degrees, \
+                 the map does not determine waves perpendicular to the core field, and the computed component is too \
                  small"
             ));
         }
@@ -174,8 +174,8 @@ impl MapVector {
         let widest_deg = angles_deg.fold(0.0, f64::max);
         if widest_deg > WIDEST_DEG {
             warnings.push(format!(
-                "the core field at a corner of the map is {widest_deg:.1} degrees from its direction at the middle of \
-                 the map; divide the map into parts"
+                "the direction of the core field differs by {widest_deg:.1} degrees between the middle and a corner \
+                 of the map; divide the map into parts"
             ));
         }
         let [north, east, down] = middle;

@@ -41,7 +41,7 @@ harmonics  = 2
     /// Full width of each notch. At half the width from the notch frequency, half of the amplitude remains.
     width_hz: f64, unit "Hz", default 0.5, rule Rule::Positive;
     /// Original sample rate of the sensor.
-    sampled_hz: Option<f64>, unit "Hz", absent "the rate of the line", rule Rule::Positive;
+    sampled_hz: Option<f64>, unit "Hz", absent "the sample rate of the line", rule Rule::Positive;
 }
 
 impl Notch {

@@ -73,8 +73,8 @@ pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault>
     });
     visited.map_err(|e| Fault::new(format!("{subject} cannot be read: {e}")))?;
     found.map_or(Ok(()), |what| {
-        let fault = Fault::new(format!("{subject} uses {what}, whose value may exceed the memory"));
-        Err(fault.help("compare columns with values, or use functions of numbers"))
+        let fault = Fault::new(format!("{subject} uses {what}, whose result may not fit in memory"));
+        Err(fault.help("compare columns with values, or use numeric functions"))
     })
 }
 
@@ -139,7 +139,7 @@ mod tests {
             "array_length(make_array(a, a))",
         ] {
             let message = read(sql).unwrap_err();
-            assert!(message.contains("may exceed the memory"), "{sql}: {message}");
+            assert!(message.contains("may not fit in memory"), "{sql}: {message}");
         }
         let many = vec!["line"; 40].join(" || ");
         assert!(read(&format!("length({many})")).unwrap_err().contains("concatenations"));

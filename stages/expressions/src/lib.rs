@@ -174,9 +174,7 @@ impl Expression {
         row::shallow(&expr, subject)?;
         let (unit, terms) = (unit::infer_unit(&expr, shape)?, sum::signed_terms(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
-            return Err(Fault::new(format!(
-                "more than {MOST_EXTREMES} `greatest` and `least` are nested in each other"
-            )));
+            return Err(Fault::new(format!("more than {MOST_EXTREMES} calls of `greatest` and `least` are nested")));
         }
         let expr = real_division(expr).and_then(missing_extremes).map_err(|e| wrong(&e, shape, subject))?;
         let mut columns: Vec<String> = expr.column_refs().into_iter().map(|c| c.name.clone()).collect();
@@ -413,7 +411,7 @@ mod tests {
         assert!(fault_text("a +").contains("`x` cannot be read"));
         assert!(fault_text(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
         assert!(
-            fault_text(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("are nested in each other")
+            fault_text(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("of `greatest` and `least`")
         );
         assert_eq!(Expression::new("line", &shape(), "`x`").unwrap().data_type, DataType::Utf8);
         assert!(Expression::new("a", &shape(), "`x`").unwrap().mask(&batch()).is_err());

@@ -24,7 +24,7 @@ pub enum InputScalingError {
         rows: usize,
     },
     /// The number of values is not a multiple of the number of columns.
-    #[error("{given} values cannot be rows of {width} columns")]
+    #[error("{given} values are not a whole number of rows of {width} columns")]
     Shape {
         /// The number of values.
         given: usize,

@@ -57,8 +57,8 @@ filter! {
     /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain. 0 assumes no such
     /// field.
     aircraft_sigma_nt: Option<f64>, unit "nT",
-        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line: the estimated noise then includes \
-                this field",
+        absent "30.0; 0 if `tuning = \"auto\"` estimates the noise of the line, because the estimated noise \
+                includes this field",
         rule Rule::NotNegative;
     /// Time constant of the slowly varying aircraft field that the coefficients do not explain.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;

@@ -144,8 +144,8 @@ impl NavigationFilter for Slam {
                           correct; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "information that revisits give about each other, divided by the expected information; NaN \
-                             without revisits";
+            let agreement = "agreement of the measurements at revisits: information in one visit about another, \
+                             divided by its expected value; NaN without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns

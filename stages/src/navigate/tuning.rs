@@ -249,14 +249,14 @@ impl Navigate {
         let count = if self.filter.keys.takes_scalar_states() { PARAMETERS } else { PARAMETERS - 2 };
         for (name, unit, what) in FOUND.into_iter().take(count) {
             columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to estimate it")));
-            columns.push(Column::float(format!("{name}_low"), unit, "lower end of its 95 % interval"));
-            columns.push(Column::float(format!("{name}_high"), unit, "upper end of its 95 % interval"));
+            columns.push(Column::float(format!("{name}_low"), unit, "lower end of the parameter's 95 % interval"));
+            columns.push(Column::float(format!("{name}_high"), unit, "upper end of the parameter's 95 % interval"));
         }
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` for correlated innovations; 1 if the innovations are white. `noise_permanent_tau` \
-             is divided by the square of this factor",
+            "factor by which `noise_sigma` is increased for correlated innovations; 1 if the innovations are white. \
+             `noise_permanent_tau` is divided by the square of this factor",
         ));
         columns
     }

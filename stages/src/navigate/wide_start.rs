@@ -38,8 +38,8 @@ impl Navigate {
     pub(super) fn start_columns(&self) -> Vec<Column> {
         let what = [
             "standard deviation of the initial position, along the longer axis of its error ellipse",
-            "largest `start_sigma` over which the map is linear: the linearisation error is below the assumed noise or \
-             a third of the linear change; NaN off the map",
+            "largest `start_sigma` at which the map is approximately linear: the linearisation error is below the \
+             assumed noise, or below a third of the linear change; NaN off the map",
         ];
         let columns = START_COLUMNS.into_iter().zip(what).map(|(name, what)| Column::float(name, "m", what));
         columns.filter(|_| self.tests_start()).collect()

@@ -89,7 +89,7 @@ pub fn elementary_effects<E>(
 ) -> Result<Vec<ElementaryEffects>, ImportanceError<E>> {
     let (width, length) = (groups.iter().map(Vec::len).sum::<usize>(), groups.len() + 1);
     entries("the points", points.len(), y.len() * width)?;
-    entries("the predictions of incomplete trajectories", y.len() % length, 0)?;
+    entries("the incomplete trajectory at the end of the predictions", y.len() % length, 0)?;
     let step = step(levels);
     let mut all = vec![ElementaryEffects { effects: Vec::with_capacity(y.len() / length) }; groups.len()];
     for (points, y) in points.chunks_exact(length * width).zip(y.chunks_exact(length)) {
@@ -108,7 +108,7 @@ pub fn elementary_effects<E>(
     }
     let count = y.len() / length;
     match all.iter().position(|of| of.effects.len() != count) {
-        Some(group) => Err(ImportanceError::Group { group, what: "does not move once in each trajectory" }),
+        Some(group) => Err(ImportanceError::Group { group, what: "must move exactly once in each trajectory" }),
         None => Ok(all),
     }
 }

@@ -15,9 +15,9 @@ impl<E> UnitCube<'_, E> {
         for [least, largest] in self.ranges {
             let is_range = least.is_finite() && largest.is_finite() && least <= largest;
             setting(
-                "the upper bound of a range",
+                "the width of a range (upper bound minus lower bound)",
                 largest - least,
-                "finite, and at least a finite lower bound",
+                "finite and at least 0",
                 is_range,
             )?;
         }

@@ -45,7 +45,7 @@ pub fn excitation<S: AsRef<str>>(
     weak_below: f64,
 ) -> Result<Excitation, LeastSquaresError> {
     expect("the list of term names", names.len(), prepared.terms())?;
-    setting("the limit of weak directions", weak_below, "from 0 to 1", (0.0..=1.0).contains(&weak_below))?;
+    setting("the limit below which a direction is weak", weak_below, "from 0 to 1", (0.0..=1.0).contains(&weak_below))?;
     let singular = prepared.singular()?;
     let largest = singular.values.first().copied().unwrap_or(f64::NAN);
     let smallest = singular.values.last().copied().unwrap_or(f64::NAN);

@@ -81,7 +81,10 @@ pub enum FillError {
         iterations: usize,
     },
     /// No node is within the limits.
-    #[error("no node of the map, {west_m} to {east_m} m east and {south_m} to {north_m} m north, is within the limits")]
+    #[error(
+        "no node of the map is within the limits; the map extends from {west_m} to {east_m} m east and from {south_m} \
+         to {north_m} m north"
+    )]
     Outside {
         /// The westernmost easting of the map.
         west_m: f64,

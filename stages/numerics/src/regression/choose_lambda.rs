@@ -38,7 +38,7 @@ pub struct LambdaPoint {
 /// Fails with [`LeastSquaresError::Setting`] for an end that is not a finite number above 0.
 pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquaresError> {
     for end in [first, last] {
-        setting("the end of a grid of lambdas", end, "above 0", end > 0.0 && end.is_finite())?;
+        setting("the first or last lambda of a grid", end, "above 0", end > 0.0 && end.is_finite())?;
     }
     let steps = count.saturating_sub(1).max(1) as f64;
     Ok((0..count).map(|k| first * (last / first).powf(k as f64 / steps)).collect())
@@ -51,7 +51,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
 ///
 /// Fails for an uneven grid, an unknown target, or without convergence.
 pub fn curve(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
-    let wanted = "one of a list with equal ascending steps of its logarithm";
+    let wanted = "in a list whose logarithms ascend in equal steps";
     let first = lambdas.first().copied().unwrap_or(1.0);
     setting("lambda", first, wanted, first > 0.0 && first.is_finite())?;
     let ratio = lambdas.get(1).map_or(2.0, |second| second / first);
@@ -291,7 +291,7 @@ mod tests {
         let prepared = moments()[0].prepare(ColumnScaling::None, true).unwrap();
         for lambdas in [vec![0.0, 1.0], vec![1.0, 2.0, 3.0], vec![2.0, 1.0]] {
             let error = curve(&prepared, 0, &lambdas).unwrap_err().to_string();
-            assert!(error.contains("equal ascending steps"), "{error}");
+            assert!(error.contains("ascend in equal steps"), "{error}");
         }
         assert!(grid(0.0, 1.0, 3).is_err() && curve(&prepared, 5, &[1.0]).is_err());
         assert!(by_lines(&moments(), 0, &[0.0], ColumnScaling::None, true, LineScoreMeasure::MeanSquare).is_err());

@@ -175,7 +175,7 @@ fn progress(
     if epoch.validation_loss.is_finite() {
         text.push_str(&format!(", validation {:.4}", epoch.validation_loss));
     }
-    text.push_str(&format!(" (1 is {scale_nt:.1} nT), {left_s:.0} s left"));
+    text.push_str(&format!(" (1 corresponds to {scale_nt:.1} nT), {left_s:.0} s left"));
     if members > 1 {
         text.push_str(&format!(", network {} of {members}", member + 1));
     }

@@ -91,8 +91,9 @@ pub enum MapGridError {
     },
     /// A row of a table of nodes is not at its position in a complete grid.
     #[error(
-        "row {row} of the map is at latitude {lat_deg}, longitude {lon_deg}, but a complete grid \
-         sorted by latitude, then longitude has {expected_lat_deg}, {expected_lon_deg}"
+        "row {row} of the map is at latitude {lat_deg}, longitude {lon_deg}, but must be at \
+         latitude {expected_lat_deg}, longitude {expected_lon_deg} in a complete grid sorted by latitude, then \
+         longitude"
     )]
     Row {
         /// The row, from 0.

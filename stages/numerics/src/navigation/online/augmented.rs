@@ -211,7 +211,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
     let at = |row: usize, column: usize| covariance[row * states + column];
     let bad = |what: &str| Err(refused("prior", format!("the prior covariance is not {what}")));
     if (0..states).any(|state| at(state, state) < 0.0) {
-        return bad("positive: a variance is below 0");
+        return bad("positive semidefinite: a variance is below 0");
     }
     let scale = |row: usize, column: usize| (at(row, row) * at(column, column)).sqrt();
     let correlation = DMatrix::from_fn(states, states, |row, column| match scale(row, column) {
@@ -219,7 +219,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
         scale => at(row, column) / scale,
     });
     if correlation.iter().any(|entry| entry.is_nan() || entry.abs() > 1.0 + 1e-9) {
-        return bad("positive: a correlation is beyond 1");
+        return bad("positive semidefinite: a correlation is outside -1 to 1");
     }
     if (&correlation - correlation.transpose()).amax() > 1e-9 {
         return bad("symmetric");

@@ -66,7 +66,7 @@ pub fn prior_from_calibrations(
     for (place, calibration) in calibrations.iter().enumerate() {
         if calibration.len() != terms || calibration.iter().any(|c| !c.is_finite()) {
             let what =
-                format!("calibration {place} must have {terms} finite coefficients, as the first calibration has");
+                format!("calibration {place} must have {terms} coefficients, like the first, and all must be finite");
             return Err(refused("prior", what));
         }
     }

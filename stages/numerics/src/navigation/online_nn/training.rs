@@ -194,7 +194,10 @@ fn usable(
     let (rows, width) = (tt_s.len(), network.inputs());
     if features.len() != rows * width || aircraft_nt.len() != rows {
         let (given, fields) = (features.len(), aircraft_nt.len());
-        let what = format!("{rows} times, {given} values of {width} features and {fields} of the field do not match");
+        let what = format!(
+            "{rows} times require {rows} field values and {width} feature values each, but {fields} field values and \
+             {given} feature values are given"
+        );
         return Err(refused("features", what));
     }
     if tt_s.windows(2).any(|pair| pair[1].partial_cmp(&pair[0]) != Some(std::cmp::Ordering::Greater)) {

@@ -46,7 +46,7 @@ pub enum NoiseFitError {
     #[error(
         "the record is too short for its correlation time of about {tau_s:.0} s: the runs last {total_s:.0} s in \
          total, but must last at least 20 correlation times; the longest run lasts {longest_s:.0} s, but must last at \
-         least 8"
+         least 8 correlation times"
     )]
     Unresolved {
         /// Correlation time of the best fit, in seconds.

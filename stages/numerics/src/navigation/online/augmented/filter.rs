@@ -417,7 +417,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         let predicted_nt2 = dot(h, gain);
         if predicted_nt2 > WIDEST * variance_nt2 {
             let what = format!(
-                "the prior of the aircraft's field is too wide for the noise: {:.1e} nT against {:.1e} nT",
+                "the prior standard deviation of the aircraft field, {:.1e} nT, is too large for a noise of {:.1e} nT",
                 predicted_nt2.sqrt(),
                 variance_nt2.sqrt()
             );

@@ -161,7 +161,7 @@ fn unit_invalid_input_is_rejected() {
     let mut bad = prior.clone();
     bad.covariance[1] = 1000.0;
     let words = message(OnlineMagnetometer { prior: &bad, ..good });
-    assert_eq!(words, "the prior covariance is not positive: a correlation is beyond 1");
+    assert_eq!(words, "the prior covariance is not positive semidefinite: a correlation is outside -1 to 1");
     bad.covariance[1] = 100.0;
     assert_eq!(message(OnlineMagnetometer { prior: &bad, ..good }), "the prior covariance is not symmetric");
     bad = prior.clone();
@@ -177,7 +177,7 @@ fn unit_invalid_input_is_rejected() {
     bad = CoefficientPrior::independent(&[0.0; 18], &[1e8; 18]);
     assert!(
         message(OnlineMagnetometer { prior: &bad, ..good })
-            .starts_with("the prior of the aircraft's field is too wide")
+            .starts_with("the prior standard deviation of the aircraft field")
     );
     let words = message(OnlineMagnetometer { sigma_nt: &flight.sigma_nt[0][1..], ..good });
     assert_eq!(words, "column `measurement sigma` has 229 rows, but `tt` has 230");
