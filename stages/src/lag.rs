@@ -129,7 +129,7 @@ impl Stage for LagStage {
             Column::text("flight", "flight identifier").role(Role::Key),
             Column::text("line", "line identifier").role(Role::Key),
             Column::text("column", "name of the column").role(Role::Key),
-            Column::float("lag_s", "s", "lag of the column against the reference, positive when the column is late"),
+            Column::float("lag_s", "s", "lag of the column relative to the reference, positive if the column is late"),
             Column::float("sd_s", "s", "standard error of the lag for white noise"),
             Column::float("correlation", "1", "correlation coefficient at the peak"),
             Column::float("next_peak", "1", "height of the second highest peak, divided by the height of the highest"),

@@ -115,7 +115,7 @@ impl MapVector {
             return Err(fault.help("continue the map to a level first with `map_continue`"));
         };
         let (mut notes, mut warnings) = (vec![], vec![]);
-        let middle = map.middle_deg().ok_or_else(|| Fault::data("the middle of the map has no latitude"))?;
+        let middle = map.middle_deg().ok_or_else(|| Fault::data("the projection is undefined at the map's middle"))?;
         let [inclination_deg, declination_deg] = match (self.decimal_year, self.inclination_deg, self.declination_deg) {
             (Some(year), ..) => self.core_direction(map, middle, level_m, year, &mut warnings)?,
             (None, inclination_deg, declination_deg) => {
@@ -138,9 +138,9 @@ impl MapVector {
         let found = spectrum.components(along, 0.0, 0.0).map_err(data)?;
         if found.damped {
             warnings.push(format!(
-                "the inclination of the core field is {inclination_deg:.1} degrees; if it is less than 15 degrees, \
-                 the map does not determine waves perpendicular to the core field, and the computed component is too \
-                 small"
+                "the inclination of the core field is {inclination_deg:.1} degrees; if it is between -15 and 15 \
+                 degrees, the map does not determine waves perpendicular to the core field, and the computed component \
+                 is too small"
             ));
         }
         let (sin, cos) = grid_north_deg.to_radians().sin_cos();
@@ -195,7 +195,7 @@ fn grid_north_deg(map: &AnomalyGrid, middle: (f64, f64)) -> Result<f64, Fault> {
         return Ok(0.0);
     }
     let (x, y) = (0.5 * (map.x.first + map.x.last()), 0.5 * (map.y.first + map.y.last()));
-    let ahead = map.crs.unproject(x, y + map.y.step).ok_or_else(|| Fault::data("the map has no grid north"))?;
+    let ahead = map.crs.unproject(x, y + map.y.step).ok_or_else(|| Fault::data("grid north is undefined on the map"))?;
     let (north_m, east_m) = EarthModel::Wgs84.offset_ne_m(middle, ahead, 0.0);
     Ok(east_m.atan2(north_m).to_degrees())
 }

@@ -93,7 +93,7 @@ impl FilterGroups for PreparingFilter {
 
 impl NavigationFilter for PreparingFilter {
     fn navigate(&self, _: &FilterInput) -> Result<FilterTrack, Fault> {
-        Err(Fault::bug("a filter that prepares a training cannot navigate"))
+        Err(Fault::bug("a filter that only prepares lines for training cannot navigate"))
     }
 }
 
@@ -159,8 +159,8 @@ impl Stage for NoiseNetworkStage {
             Column::text("model", "name of the model").role(Role::Key),
             Column::text("term", "name of the term").role(Role::Key),
             Column::float("value", "", "value of the term"),
-            Column::float("std", "", "NaN: the standard deviation is unknown"),
-            Column::float("n", "1", "number of samples with a loss"),
+            Column::float("std", "", "always NaN, because the standard deviation is unknown"),
+            Column::float("n", "1", "number of samples that contribute to the loss"),
             Column::float(RATE, "Hz", "sample rate of the lines"),
         ];
         let made = |column: Column| reads.iter().enumerate().fold(column, |column, (at, names)| column.from(at, names));

@@ -125,7 +125,7 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
-        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network is trained without GNSS"))?;
+        let fixes = flown.fixes().ok_or_else(|| Fault::bug("the network cannot be trained without GNSS"))?;
         let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
         let (features, names) = self.features(flown)?;
         let features = features.as_ref();

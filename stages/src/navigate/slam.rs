@@ -192,7 +192,7 @@ impl NavigationFilter for Slam {
                  variance of this error",
                 output.report.largest_correction
             );
-            let help = "increase `particles` for the drift between revisits, or check `ins_grade`";
+            let help = "increase `particles` to cover the drift between revisits, or check `ins_grade`";
             return Err(Fault::data(what).help(help));
         }
         if output.report.smoother.is_some_and(|smoother| smoother.agreement < CONTRADICTED) {

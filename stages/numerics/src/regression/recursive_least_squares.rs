@@ -35,7 +35,7 @@ impl RecursiveLeastSquares {
     /// Fails if φ is not between 0 and 1, or if a σ is not above 0.
     pub fn new(initial: &[f64], sigma: &[f64], forgetting: f64, keep_prior: bool) -> Result<Self, LeastSquaresError> {
         let terms = initial.len();
-        expect("the list of initial deviations", sigma.len(), terms)?;
+        expect("the list of initial standard deviations", sigma.len(), terms)?;
         setting("the forgetting factor", forgetting, "above 0 and at most 1", forgetting > 0.0 && forgetting <= 1.0)?;
         let bad = sigma.iter().find(|s| !(**s > 0.0 && s.is_finite()));
         setting("an initial standard deviation", bad.copied().unwrap_or(1.0), "above 0", bad.is_none())?;

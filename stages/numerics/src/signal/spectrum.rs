@@ -41,7 +41,7 @@ pub enum SpectrumError {
         segment: usize,
     },
     /// There is no segment of this length without gaps.
-    #[error("no {segment} consecutive samples among the {rows} samples are finite; use shorter segments")]
+    #[error("the {rows} samples have no {segment} consecutive finite samples; use shorter segments")]
     TooShort {
         /// The number of samples of the series.
         rows: usize,
