@@ -94,7 +94,8 @@ impl Stage for MapQuality {
             made(
                 "map_sd_expected",
                 "m",
-                "expected root mean square horizontal error of a window; NaN if the map does not determine a position",
+                "expected root mean square horizontal error of a position estimated from a window; NaN if the map does \
+                 not determine a position",
             )
             .from(0, &["tt"]),
         ];

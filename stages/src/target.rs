@@ -59,7 +59,7 @@ truth = "mag_1_c"
     /// Type of the target.
     kind: TargetType, unit "", default TargetType::D;
     /// Scalar magnetometer to be compensated, for `c`, `d` and `e`.
-    mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are rejected";
+    mag: Option<String>, unit "nT", absent "the targets `c`, `d` and `e` are rejected";
     /// Column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
     /// Subtracts the core field `igrf` from targets `a`, `c` and `e`.

@@ -131,8 +131,8 @@ impl FilterInput<'_> {
             return Ok(());
         };
         let what = format!(
-            "`offset_window_s` compares the measurement with the map at the position of the INS, which is known only \
-             to {:.0} m",
+            "`offset_window_s` compares the measurement with the map at the INS position, which is known only to \
+             {:.0} m",
             range.sigma_m
         );
         let help = "remove `offset_window_s`, and set `fogm_sigma_nt` to the size of the offset";

@@ -252,7 +252,7 @@ impl<'a> TollesLawson<'a> {
             bias += prior.mean.len();
             if terms.len() != rows * prior.mean.len() {
                 let (given, terms) = (terms.len(), prior.mean.len());
-                let what = format!("magnetometer {place} has {given} terms, not {rows} rows of {terms} coefficients");
+                let what = format!("magnetometer {place} has {given} values, not {terms} terms in each of {rows} rows");
                 return Err(refused("terms", what));
             }
         }

@@ -28,8 +28,8 @@ params! {
     /// `magnav` sets the defaults shown for these keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell
     /// HG1700, and `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. For these three grades, the
     /// position at alignment is exact (`init_position_sigma_m = 0`).
-    ins_grade: Option<InsGrade>, unit "", absent "in `navigate` the flight's column \
-        `ins_grade`, if present; otherwise `magnav`";
+    ins_grade: Option<InsGrade>, unit "", absent "in `navigate`, the flight's column \
+        `ins_grade` if present; otherwise `magnav`";
 }
 
 impl From<InsErrors> for InsErrorSpec {
@@ -189,7 +189,7 @@ mod tests {
         let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
         assert_eq!(
             (docs[0].name, docs[0].absent),
-            ("ins_grade", Some("in `navigate` the flight's column `ins_grade`, if present; otherwise `magnav`"))
+            ("ins_grade", Some("in `navigate`, the flight's column `ins_grade` if present; otherwise `magnav`"))
         );
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
         assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());

@@ -152,7 +152,7 @@ fn unit_invalid_input_is_rejected() {
     let line = flight.line(&map);
     let message = |m: OnlineMagnetometer<'_>| run(&line, &[m], None, &ALL).unwrap_err().to_string();
     let words = message(OnlineMagnetometer { terms: &flight.terms[0][1..], ..good });
-    assert_eq!(words, "magnetometer 0 has 4139 terms, not 230 rows of 18 coefficients");
+    assert_eq!(words, "magnetometer 0 has 4139 values, not 18 terms in each of 230 rows");
     let words = message(OnlineMagnetometer { walk_density: &none[1..], ..good });
     assert_eq!(words, "magnetometer 0 has 18 coefficients, a covariance of 324 entries and 17 densities");
     let negative = vec![-1.0; 18];
