@@ -128,7 +128,7 @@ impl AnomalyGrid {
             GridHeight::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
             _ => return Ok(()),
         }
-        Err(self.fault("a height of the map is not a number").in_column("alt"))
+        Err(self.fault("each node must have a height that is finite, or NaN if unknown").in_column("alt"))
     }
 
     fn check_error(&self, error_nt: &[f64]) -> Result<(), ReadError> {

@@ -26,7 +26,7 @@ use crate::{
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "geosoft_xyz",
-    about: "XYZ export of Geosoft, with a record such as `Line 10` before each line",
+    about: "XYZ export of Geosoft, with a record such as `Line 10` before the rows of each line",
     extensions: &[],
     recognise: |head: &FileHead| {
         let mut kinds = head.text_lines().map(|line| kind(&line, None));

@@ -96,7 +96,7 @@ fn image<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<TiffSa
     let mut result = DecodingResult::U8(vec![]);
     let layout = decoder.read_image_to_buffer(&mut result).map_err(|e| damaged(path, &e))?;
     if result.as_buffer(0).byte_len() < layout.complete_len {
-        return Err(ReadError::data(path, "the planes of the file do not match its size"));
+        return Err(ReadError::data(path, "the planes of the image hold more data than a file of this size can store"));
     }
     Ok(TiffSamples(result))
 }
@@ -106,7 +106,7 @@ fn plain_image(path: &Path, index: usize) -> Result<TiffSamples, ReadError> {
     let mut bytes = bytes_of(path)?;
     let found = directories(&bytes).get(index).map(|d| d.black_is_zero(&mut bytes));
     if found != Some(true) {
-        return Err(ReadError::data(path, "the directories of the file are damaged"));
+        return Err(ReadError::data(path, "the image file directories (IFDs) are damaged"));
     }
     let size = bytes.len() as u64;
     let mut decoder = limited(path, Cursor::new(bytes), size)?;

@@ -25,7 +25,7 @@ impl<'a> GdalMetadata<'a> {
     /// Reads the text of the tag.
     ///
     /// # Errors
-    /// Fails for an item without an end, or for a band that is not a number.
+    /// Fails for an item without an end, or for a band index that is not a whole number.
     pub(super) fn read(path: &'a Path, xml: &str) -> Result<GdalMetadata<'a>, ReadError> {
         let broken = |what: &str| {
             ReadError::data(path, format!("GDAL's metadata (tag 42112) {what}"))
@@ -43,7 +43,7 @@ impl<'a> GdalMetadata<'a> {
             let sample = attribute("sample").map(|s| s.trim().parse::<u16>());
             items.push(GdalMetadataItem {
                 name: attribute("name").unwrap_or_default(),
-                sample: sample.transpose().map_err(|_| broken("has a band that is not a number"))?,
+                sample: sample.transpose().map_err(|_| broken("has a band index that is not a whole number"))?,
                 role: attribute("role").unwrap_or_default(),
                 text: unescaped(text.trim()),
             });
@@ -64,7 +64,7 @@ impl<'a> GdalMetadata<'a> {
     /// Scale and offset of the first band.
     ///
     /// # Errors
-    /// Fails for a scale or offset that is not a number, is given twice, or lacks its band or role.
+    /// Fails for a scale or offset that is not a number, is given twice, or lacks the attribute `sample` or `role`.
     pub(super) fn packing(&self) -> Result<[f64; 2], ReadError> {
         let mut packing = PLAIN;
         for (value, role) in packing.iter_mut().zip(["scale", "offset"]) {
@@ -77,7 +77,7 @@ impl<'a> GdalMetadata<'a> {
                 Err(ReadError::data(self.path, format!("the {role} of the band (tag 42112) {what}")).help(help))
             };
             if item.sample.is_none() || item.role.is_empty() {
-                return wrong("lacks its band and role".to_owned());
+                return wrong("lacks the attribute `sample` or `role`".to_owned());
             }
             if found.next().is_some() {
                 return wrong("is given twice".to_owned());
@@ -126,11 +126,11 @@ mod tests {
             (entry(sample, role, ""), "must be a valid number, not ``"),
             (entry(sample, role, "0"), "must be a valid number, not `0`"),
             (entry(sample, role, "nan"), "must be a valid number, not `nan`"),
-            (entry("", role, "2"), "lacks its band and role"),
-            (entry(sample, "", "2"), "lacks its band and role"),
+            (entry("", role, "2"), "lacks the attribute `sample` or `role`"),
+            (entry(sample, "", "2"), "lacks the attribute `sample` or `role`"),
             (entry(sample, role, "2").repeat(2), "is given twice"),
-            (entry(" sample=\"a\"", role, "2"), "has a band that is not a number"),
-            ("<Item name=\"SCALE\" sample=\"0\"".to_owned(), "lacks its band and role"),
+            (entry(" sample=\"a\"", role, "2"), "has a band index that is not a whole number"),
+            ("<Item name=\"SCALE\" sample=\"0\"".to_owned(), "lacks the attribute `sample` or `role`"),
         ] {
             let fault = packing(&items).unwrap_err();
             assert!(fault.contains(what), "{items}: {fault}");

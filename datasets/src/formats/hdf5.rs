@@ -283,7 +283,7 @@ impl Hdf5Dataset {
             }
             Some(Hdf5LegacyLayout::Contiguous(at)) => self.read_early(at, rows),
             Some(Hdf5LegacyLayout::Other) => {
-                let error = self.damaged("has a non-contiguous layout of HDF5 before 1.6.3, which is not supported");
+                let error = self.damaged("has a non-contiguous layout from HDF5 before 1.6.3, which is not supported");
                 Err(error.help("rewrite the file with a later version of MATLAB or the HDF5 library"))
             }
         }

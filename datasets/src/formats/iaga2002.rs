@@ -248,7 +248,7 @@ impl IagaHeader {
                  if D is the full declination",
             ),
             (_, Some(_), None) => (
-                "D may be relative to `DECBAS` or the full declination",
+                "D may be relative to `DECBAS`, or it may be the full declination",
                 "set `Data Type` in the header: `variation` if D is relative, else `definitive`",
             ),
         };

@@ -94,7 +94,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         ReadError::options(path, what).help("set `alt_m` to 0 or 4000 to select one")
     })?;
     if !text_end::is_whole(path).map_err(|e| ReadError::io(path, &e))? {
-        return Err(ReadError::data(path, "the file is cut short: its last line has no end"));
+        return Err(ReadError::data(path, "the file is cut short: its last line does not end with a newline"));
     }
     let mut places = [BTreeMap::new(), BTreeMap::new()];
     let mut rows = 0;

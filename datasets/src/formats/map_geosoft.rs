@@ -147,7 +147,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     let header = GeosoftHeader::parse(path, &bytes)?;
     if !header.is_plausible() {
-        return Err(ReadError::data(path, "the header is not that of a Geosoft grid"));
+        return Err(ReadError::data(path, "the file does not begin with the header of a Geosoft grid"));
     }
     if header.rotation != 0.0 {
         let what = format!("the grid is rotated by {} degrees", header.rotation);

@@ -100,7 +100,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
         let most = if self.classic { self.bytes } else { DecodeLimit::new(self.bytes).most() };
         if count.and_then(|n| n.checked_mul(size)).is_none_or(|n| n > most) {
-            return Err(wrong("its shape does not match the size of the file"));
+            return Err(wrong("its shape requires more data than a file of this size can store"));
         }
         let values = self.file.read_variable_as_f64(variable.name());
         Ok(values.map_err(|e| wrong(&format!("the variable cannot be read: {e}")))?.into_iter())

@@ -54,7 +54,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let tt = match &points.extra.tt_s {
         Some(tt_s) => pick(tt_s),
         None => {
-            notes.push("the points have no time, so `tt` is the number of the point in its line".to_owned());
+            notes.push("the points have no time, so `tt` is the index of each point in its line, from 0".to_owned());
             let counted = order.iter().enumerate().map(|(k, i)| {
                 let first = order.partition_point(|j| points.line[*j] < points.line[*i]);
                 Some((k - first) as f64)

@@ -107,7 +107,7 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
     let partial = SCALED.replace(" role=\"scale\"", "");
     let broken = TiffImageFixture::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42112, &partial);
     let fault = bytes("m.tif", &tiff(&[broken]), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("the scale of the band (tag 42112) lacks its band and role"), "{fault}");
+    assert!(fault.contains("the scale of the band (tag 42112) lacks the attribute `sample` or `role`"), "{fault}");
 }
 
 #[test]

@@ -20,7 +20,7 @@ mod walk;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "ulog",
-    about: "log of a PX4 autopilot, ULog; `topic` is a message, `sensor_mag:1` its second instance",
+    about: "log of a PX4 autopilot, ULog; `topic` is a message; `sensor_mag:1` is the second instance of `sensor_mag`",
     extensions: &["ulg"],
     recognise: |head: &FileHead| head.starts_with(MAGIC),
     open,

@@ -124,7 +124,7 @@ fn gold_invalid_maps() {
     assert_eq!(message, "column `anomaly`: the grid has 4 nodes, but 3 values");
     assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: the map has no known value");
     let message = new(x, y, 4326, four, GridHeight::Cells(vec![0.0; 3]));
-    assert_eq!(message, "column `alt`: a height of the map is not a number");
+    assert_eq!(message, "column `alt`: each node must have a height that is finite, or NaN if unknown");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
     assert_eq!(
         map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(),

@@ -80,8 +80,8 @@ impl CsvStyle {
     /// Remark on a converted text.
     pub(super) fn note(&self) -> Option<&'static str> {
         match self.separator {
-            b';' => Some("columns are separated by semicolons; a comma in a number is a decimal point"),
-            b'\t' => Some("columns are separated by tabs; a comma in a number is a decimal point"),
+            b';' => Some("columns are separated by semicolons; a comma in a number is read as a decimal point"),
+            b'\t' => Some("columns are separated by tabs; a comma in a number is read as a decimal point"),
             _ => None,
         }
     }
@@ -188,7 +188,7 @@ impl ConvertedText {
         self.end_cell()?;
         match &self.sign {
             DecimalSign::Comma(Some(number)) => Err(wrong(format!(
-                "the comma in numbers such as `{number}` may be a decimal comma or separate thousands"
+                "the comma in numbers such as `{number}` may be a decimal comma or a thousands separator"
             ))),
             _ => Ok(()),
         }
@@ -259,7 +259,7 @@ fn skip_lines(input: &mut impl BufRead, mut lines: usize) -> io::Result<()> {
 }
 
 fn wrong(what: String) -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidData, format!("{what}; write its numbers with decimal points"))
+    io::Error::new(io::ErrorKind::InvalidData, format!("{what}; write all numbers with decimal points"))
 }
 
 /// A number with a decimal comma, converted; `None` for other cells. `line` is its line, for messages.
@@ -348,7 +348,7 @@ mod tests {
     #[test]
     fn unit_ambiguous_numbers_are_an_error() {
         let fault = converted("a;b\n51,336;1\n51,337;2\n").unwrap_err().to_string();
-        assert!(fault.contains("`51,336` may be a decimal comma or separate thousands"), "{fault}");
+        assert!(fault.contains("`51,336` may be a decimal comma or a thousands separator"), "{fault}");
         for text in ["a;b\n1,5;2\n3.5;2\n", "a;b\n1.5;2\n3,5;2\n"] {
             let fault = converted(text).unwrap_err().to_string();
             assert!(fault.contains("mixes numbers with decimal points"), "{fault}");
