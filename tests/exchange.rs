@@ -360,7 +360,7 @@ fn user_a_logger_with_a_clock_in_milliseconds_and_a_fluxgate_in_volts_is_recogni
     let output = magline(folder.path(), &["ingest", "--suggest", "logs/c.csv"]);
     let said = format!("{}{}", stdout(&output), stderr(&output));
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("volts by the names") && said.contains("set `scale` in nT per V"), "{said}");
+    assert!(said.contains("volts according to the names") && said.contains("set `scale` in nT per V"), "{said}");
     // A clock under any name, if it is the only even one.
     log("d.csv", "Zaehler,Mag_nT,FluxX_V,FluxY_V,FluxZ_V", true);
     let text = stdout(&done(&folder, &["ingest", "--suggest", "logs/d.csv"]));

@@ -205,7 +205,7 @@ fn shown(name: &str) -> String {
 fn keys(tables: &[SuggestedTable]) -> String {
     let mut text = String::new();
     for (key, usual) in [
-        ("flight", "{ of_file = true }   # guess: one flight per file, named like the file"),
+        ("flight", "{ of_file = true }   # guess: one flight per file, named after the file"),
         ("line", "\"1\"                  # guess: one line per file"),
     ] {
         let mut names = tables.iter().map(|table| key_column(table.topic, key));
@@ -249,8 +249,8 @@ impl SuggestedTable<'_> {
             RepeatedTimes::Some => text += "drop_repeated = true   # some rows repeat the time of the previous row\n",
             RepeatedTimes::AtRate(rate_hz) => {
                 text += &format!(
-                    "repeated_rate_hz = {rate_hz:?}   # guess: rows repeat a time of coarse resolution; they follow it at \
-                     this rate\n"
+                    "repeated_rate_hz = {rate_hz:?}   # guess: the times have a coarse resolution, so rows repeat \
+                     them; this is the rate of the rows\n"
                 );
             }
         }

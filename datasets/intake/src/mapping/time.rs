@@ -299,7 +299,7 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
         }
     }
     if TimeTextFormat::new(stamp.value.format.as_deref()).is_some_and(|form| form.is_zoned()) {
-        columns.push(second_zone("the `format` reads an offset from UTC").at(stamp.at("zone")));
+        columns.push(second_zone("the `format` contains an offset from UTC").at(stamp.at("zone")));
     }
 }
 

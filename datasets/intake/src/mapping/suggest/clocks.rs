@@ -132,7 +132,7 @@ fn of_gps_week(columns: &[ColumnSample]) -> Option<ClockGuess> {
             quoted(&column.name),
             quoted(&week.name)
         ),
-        why: "guess: time of the GPS week, converted to UTC with the leap seconds of its date".to_owned(),
+        why: "guess: GPS time of week; it is converted to UTC with the leap seconds of the date".to_owned(),
         boot: false,
         ..guess
     })
@@ -231,7 +231,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {
         toml: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
-        why: format!("guess: {why}; {unit}: {why_unit}; about {hz:.3} Hz"),
+        why: format!("guess: {why}; unit {unit} ({why_unit}); about {hz:.3} Hz"),
         column: column.name.clone(),
         unit,
         boot: clock == "boot",
@@ -272,9 +272,9 @@ fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str
     // The sampling rates of logs are from 0.05 to 2000 Hz.
     let whole = column.whole && step >= 1.5;
     match (whole, step) {
-        (false, 0.0005..20.0) => Some(("s", "in this unit, the sampling rate is a common one")),
-        (true, 1.5..5_000.0) => Some(("ms", "whole numbers; in this unit, the sampling rate is a common one")),
-        (true, 5_000.0..5e6) => Some(("us", "whole numbers; in this unit, the sampling rate is a common one")),
+        (false, 0.0005..20.0) => Some(("s", "this unit gives a common sampling rate")),
+        (true, 1.5..5_000.0) => Some(("ms", "whole numbers, and this unit gives a common sampling rate")),
+        (true, 5_000.0..5e6) => Some(("us", "whole numbers, and this unit gives a common sampling rate")),
         _ => None,
     }
 }
@@ -326,7 +326,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
         let boot = boot_column(topic, &of_week.name)?;
         rows.push(format!("\"{}\" > 0", week.name));
         lines.push(format!("from      = {}", quoted(&of_week.name)));
-        lines.push("unit      = \"ms\"   # of the week: up to 604,800,000".to_owned());
+        lines.push("unit      = \"ms\"   # milliseconds of the week, up to 604,800,000".to_owned());
         lines.push(format!("clock     = \"gps\"\nweek      = {}", quoted(&week.name)));
         boot
     } else {

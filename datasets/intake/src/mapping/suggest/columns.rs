@@ -242,8 +242,8 @@ fn vector(
                 });
                 let unit = declared.unwrap_or_default();
                 return left(format!(
-                    "a median magnitude of {size:.4} {unit}, the unit of the file, is not the earth's field{nt}; set \
-                     its `unit`"
+                    "a median magnitude of {size:.4} {unit} (the unit in the file) does not match the earth's \
+                     field{nt}; set its `unit`"
                 ));
             }
             (Some(unit), _) => (unit, "the file gives the unit".to_owned()),
@@ -265,7 +265,7 @@ fn vector(
                 }
                 None => {
                     return left(format!(
-                        "a median magnitude of {size:.4} is not the earth's field in any unit; set its `unit`"
+                        "a median magnitude of {size:.4} does not match the earth's field in any unit; set its `unit`"
                     ));
                 }
             },
@@ -296,7 +296,7 @@ fn vector(
                 &about("specific force"),
                 format!("a median magnitude of {size:.3} {unit}"),
             ),
-            None => left(format!("a median magnitude of {size:.3} is not gravity in any unit; set its `unit`")),
+            None => left(format!("a median magnitude of {size:.3} does not match gravity in any unit; set its `unit`")),
         };
     }
     if has(words, &["gyr", "gyro", "gyroscope"]) {
@@ -387,7 +387,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
             ),
             None if largest <= ends.1 => made(ours, "deg", &format!("values up to {largest:.2} are degrees")),
             None if column.whole && largest <= ends.2 => {
-                made(ours, "degE7", &format!("whole numbers up to {largest:.0} are 1e-7 degrees"))
+                made(ours, "degE7", &format!("whole numbers up to {largest:.0} are in units of 1e-7 degrees"))
             }
             None => left("its values are not an angle in a common unit"),
         };
@@ -410,7 +410,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
         };
     }
     if has(&words, &["heading", "hdg"]) {
-        return left("a heading: name it `ins_yaw` if it is relative to true north; set its `unit`");
+        return left("a heading; name it `ins_yaw` if it is relative to true north, and set its `unit`");
     }
     if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
         return match declared_unit(column, "m") {
@@ -429,7 +429,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
         return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
             (true, _, Some(unit)) => made("alt", &unit, "the file gives the unit"),
             (_, true, Some(unit)) => made("msl", &unit, "the file gives the unit"),
-            _ => left("a height: name it `alt` if above the ellipsoid, `msl` if above sea level; set its `unit`"),
+            _ => left("a height; name it `alt` if above the ellipsoid, `msl` if above sea level, and set its `unit`"),
         };
     }
     if let Some(reading) = field::reading(column) {
@@ -467,7 +467,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
         }
     }
     if listed && !known.unit.is_empty() {
-        return left(&format!("a column name of the flight table, where its unit is {}; set its `unit`", known.unit));
+        return left(&format!("the flight table has a column of this name, in {}; set the values' `unit`", known.unit));
     }
     None
 }

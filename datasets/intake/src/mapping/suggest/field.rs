@@ -108,7 +108,7 @@ pub(super) fn field_like(
     let near = FIELD.iter().find_map(|(unit, factor)| {
         let own = size * factor;
         let (name, nt) = readings.iter().find(|(_, nt)| (own / nt - 1.0).abs() < STEADY)?;
-        let what = format!("the magnitude is steady at {own:.0} nT, and `{}` has {nt:.0} nT", one_line(name));
+        let what = format!("the magnitude is steady at {own:.0} nT; the median of `{}` is {nt:.0} nT", one_line(name));
         Some(((*unit).to_owned(), what))
     });
     let alone = || {
@@ -153,8 +153,8 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
     }
     if has(&words, &BASE) {
         let why = format!(
-            "a median of {median:.1} {unit} is the total field at a base station; subtract its mean in `sql`, and name \
-             it `diurnal`"
+            "the name and the median of {median:.1} {unit} indicate the total field at a base station; subtract the \
+             mean in `sql`, and name the result `diurnal`"
         );
         return Some(Err(why));
     }
@@ -162,10 +162,10 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
     let number = number.map_or("1", String::as_str);
     if has(&words, &["comp", "compensated", "cmp"]) && !has(&words, &["un", "not"]) {
         let why =
-            format!("a median of {median:.1} {unit} is the earth's field; the name suggests a compensated reading");
+            format!("a median of {median:.1} {unit} matches the earth's field; the name implies a compensated reading");
         return Some(Ok((format!("mag_{number}_c"), unit, why)));
     }
-    let why = format!("a median of {median:.1} {unit} is the earth's field");
+    let why = format!("a median of {median:.1} {unit} matches the earth's field");
     Some(Ok((format!("mag_{number}_uc"), unit, why)))
 }
 
@@ -179,7 +179,7 @@ const SENSITIVITIES: [f64; 5] = [7_000.0, 10_000.0, 25_000.0, 50_000.0, 100_000.
 pub(super) fn volts(topic: &TopicSample, first: &ColumnSample, size: f64) -> Result<(f64, String), String> {
     let unit = declared_unit(first, "V").unwrap_or_else(|| "V".to_owned());
     let volt = convert(&unit, "V").unwrap_or(1.0);
-    let whose = if declared_unit(first, "V").is_some() { "by the names" } else { "by their size" };
+    let whose = if declared_unit(first, "V").is_some() { "according to the names" } else { "according to their size" };
     let fits = |nt: &&f64| EARTH.contains(&(*nt * size * volt));
     let readings = readings(topic);
     let Some((name, total_nt)) = readings.first() else {
@@ -197,8 +197,8 @@ pub(super) fn volts(topic: &TopicSample, first: &ColumnSample, size: f64) -> Res
     Ok((
         scale,
         format!(
-            "volts {whose}; {scale} nT per {unit} is {kind}: the median magnitude of {size:.4} {unit} is then {:.0} \
-             nT, and `{}` has {total_nt:.0} nT",
+            "volts {whose}; at {scale} nT per {unit} ({kind}), the median magnitude of {size:.4} {unit} is {:.0} nT; \
+             the median of `{}` is {total_nt:.0} nT",
             scale * size,
             one_line(name)
         ),
