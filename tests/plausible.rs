@@ -195,7 +195,7 @@ fn user_velocities_and_heights_in_another_unit_are_rejected() {
             &["the positions move at", &format!("`units = {{ \"vn\" = \"{unit}\", \"ve\" = \"{unit}\" }}`")],
         );
     }
-    contains(&refused(&[each(&flight, &["ve"], |x| -x)], ""), &["longitude and `ve` have opposite signs"]);
+    contains(&refused(&[each(&flight, &["ve"], |x| -x)], ""), &["the change in longitude have opposite signs"]);
     let feet = each(&flight, &["alt"], |x| x / 0.3048);
     let printed = refused(&[renamed(&feet, "alt", "height")], "rename = { \"height\" = \"alt\" }");
     contains(

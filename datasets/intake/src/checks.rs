@@ -146,7 +146,7 @@ pub struct QualityMeasure {
     pub unit: String,
     /// Number of affected samples.
     pub count: u64,
-    /// Time of the first affected sample, in seconds; NaN if all are affected.
+    /// Time of the first affected sample, in seconds; NaN if the check gives one value for the whole line.
     pub first_tt: f64,
 }
 

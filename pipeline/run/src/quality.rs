@@ -42,7 +42,7 @@ pub fn table(graph: &PlanGraph, store: &Store) -> Result<ExtraTable, Fault> {
         ("source", text(&|r| r.0.to_owned()), Role::Key, "the table of flights"),
         ("flight", text(&|r| r.1.flight.clone()), Role::Key, "flight identifier"),
         ("line", text(&|r| r.1.line.clone()), Role::Key, "line identifier"),
-        ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column or the vector magnetometer"),
+        ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column or vector magnetometer of the finding"),
         ("finding", text(&|r| r.2.check.as_str().to_owned()), Role::Key, "the finding"),
         ("n", whole(|f| f.n), Role::Derived, "the number of samples"),
         (

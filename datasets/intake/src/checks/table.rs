@@ -43,9 +43,9 @@ pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Faul
     let columns = [
         (flight, text(&|r| r.0.to_owned()), "", Role::Key, "flight identifier"),
         (line, text(&|r| r.1.to_owned()), "", Role::Key, "line identifier"),
-        (column, text(&|r| r.2.column.clone()), "", Role::Key, "the column or the vector magnetometer"),
+        (column, text(&|r| r.2.column.clone()), "", Role::Key, "the checked column or vector magnetometer"),
         (check, text(&|r| r.2.check.as_str().to_owned()), "", Role::Key, "the check"),
-        (value, number(|m| m.value), "", Role::Derived, "the result of the check; null without a result"),
+        (value, number(|m| m.value), "", Role::Derived, "the result of the check; null if missing or infinite"),
         (unit, text(&|r| r.2.unit.clone()), "", Role::Derived, "the unit of `value`"),
         (of, count, "", Role::Derived, "the number of affected samples"),
         (
@@ -53,7 +53,7 @@ pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Faul
             number(|m| m.first_tt),
             "s",
             Role::Derived,
-            "the time of the first affected sample; null if all are affected",
+            "the time of the first affected sample; null if the check gives one value for the whole line",
         ),
     ];
     let fields: Vec<Field> = columns

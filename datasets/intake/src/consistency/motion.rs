@@ -172,7 +172,7 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
 /// Remaining disagreement if the axes were swapped or reversed, and the remedy.
 fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> [(f64, String); 2] {
     let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
-    let signs = format!("longitude and `{e}` have opposite signs; both must be positive to the east");
+    let signs = format!("`{e}` and the change in longitude have opposite signs; both must be positive to the east");
     [
         (disagreement(all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` are probably swapped; use `rename`")),
         (disagreement(all, |f| [f[0], -f[1]]), signs),
