@@ -94,8 +94,8 @@ const STEP_S: f64 = 1e-3;
 /// 60 m/s. The core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
-/// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
-/// observatory; a date that the core model does not cover.
+/// Fails for a line that leaves the known part of the map, descends below the map or crosses a source; a time without a
+/// value of the observatory; a date that the core model does not cover.
 pub(super) fn along(
     scene: &SynthLineContext,
     truth: &TrueTrajectory,
@@ -210,7 +210,7 @@ fn off_the_map(
             let since = truth.tt_s[i] - truth.tt_s[0];
             let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
             scene
-                .fault(format!("the line leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
+                .fault(format!("the line leaves the known part of the map after {since:.1} s, at {lat:.5}, {lon:.5}"))
                 .help("move the waypoints inwards or shorten the line")
         }
         CrustalCoverageError::Below(i) => {

@@ -407,7 +407,7 @@ fn gold_lines_that_cannot_be_flown() {
                     map's height or above)";
     assert!(low.ends_with(expected), "{low}");
     let away = first(&spec_text("", &SHORT.replace("[-22.05, 140.6]", "[-22.05, 149.6]")));
-    let expected = "flight A, line A.1: the line leaves the known map after 0.0 s, at -22.05000, 149.60000";
+    let expected = "flight A, line A.1: the line leaves the known part of the map after 0.0 s, at -22.05000, 149.60000";
     assert!(away.contains(expected), "{away}");
     let gone = spec_text("", SHORT).replace("osborne_anomaly_100m_at_500m.tif", "gone.tif");
     let gone = Simulation::open(&written(&folder, &gone)).unwrap_err().to_string();

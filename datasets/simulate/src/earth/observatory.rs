@@ -21,7 +21,7 @@ pub(super) struct ObservatoryVariation {
 }
 
 impl ObservatoryVariation {
-    /// Reads a record; its baseline is its mean, or the mean of its first three hours of the local day.
+    /// Reads a record. The baseline is the mean of the record, or of the first three hours of each local day.
     ///
     /// # Errors
     /// Fails for a file that is not an observatory record, or that has no values for the baseline.
@@ -32,7 +32,7 @@ impl ObservatoryVariation {
         let chosen: Vec<&[f64; 3]> = record.ned_nt.iter().enumerate().filter(counts).map(|(_, v)| v).collect();
         if chosen.is_empty() {
             let what =
-                if quiet_base { "has no value in the first three hours of its local day" } else { "has no value" };
+                if quiet_base { "has no value in the first three hours of any local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
             if let Some(note) = record.notes.first() {
                 return Err(error.help(note.clone()));

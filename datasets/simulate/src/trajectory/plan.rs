@@ -350,7 +350,7 @@ fn too_steep(e: &ExcessiveClimb, request: &TrajectoryRequest, fastest_mps: f64, 
         ": raise `turns` or `climb_mps`"
     };
     let what = format!(
-        "the climb after height {} is {climb:.1} m/s at a ground speed of {fastest_mps:.1} m/s, but `climb_mps` of \
+        "the climb after height no. {} is {climb:.1} m/s at a ground speed of {fastest_mps:.1} m/s, but `climb_mps` of \
          `dynamics` is {most}{way_out}",
         e.knot + 1
     );

@@ -294,7 +294,8 @@ params! {
     /// Airspeed. Without wind it equals the speed over ground.
     speed_mps: f64, unit "m/s", default 60.0, rule Rule::Between(1.0, 1000.0);
     /// Radius of turns and circles.
-    radius_m: Option<f64>, unit "m", absent "minimum for `bank_deg` of `dynamics`", rule Rule::Between(1.0, 1e6);
+    radius_m: Option<f64>, unit "m", absent "the smallest radius that `bank_deg` of `dynamics` allows",
+        rule Rule::Between(1.0, 1e6);
 }
 
 params! {
@@ -434,7 +435,7 @@ fn boxes(s: &SynthSection, keys: &BoxKeys, common: &SynthLine) -> Vec<SynthLine>
         return vec![SynthLine { path: path(keys.amplitude_deg, keys.cycles as u32), ..common.clone() }];
     };
     if first > last {
-        s.fault_at("sets", "`sets` must be two whole numbers in order, such as [1, 18]".to_owned());
+        s.fault_at("sets", "`sets` must be two whole numbers in ascending order, such as [1, 18]".to_owned());
     }
     let several = first < last;
     let one = |number: usize| {

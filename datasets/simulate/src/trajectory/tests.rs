@@ -292,7 +292,7 @@ fn law_heights_are_as_requested_and_climbs_within_the_limit() {
     assert!((truth.alt_m[0] - 500.0).abs() < 1e-9 && (truth.alt_m.last().unwrap() - 700.0).abs() < 0.2);
     let steep = EACH[1].replace("600.0", "1900.0");
     let message = lines("", &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{steep}")).unwrap_err();
-    assert!(message.contains("the climb after height 1 is") && message.contains("`drape = true`"), "{message}");
+    assert!(message.contains("the climb after height no. 1 is") && message.contains("`drape = true`"), "{message}");
     let truth = fly(&line("", &format!("{steep}\ndrape = true")), 10.0);
     let most = truth.alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
     let climb = truth.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));

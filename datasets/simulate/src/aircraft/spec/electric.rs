@@ -117,7 +117,7 @@ params! {
     /// Name of the current.
     current: String, unit "";
     /// Corners of the wire in the direction of the current, in the body frame (nose, right, down).
-    path: Option<Vec<[f64; 3]>>, unit "m", absent "a small coil, `place_m` and `moment_m2`", rule Rule::Finite;
+    path: Option<Vec<[f64; 3]>>, unit "m", absent "a small coil with `place_m` and `moment_m2`", rule Rule::Finite;
     /// Connects the last corner to the first.
     closed: bool, unit "", default false;
     /// Number of turns along the path.
