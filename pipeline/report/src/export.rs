@@ -69,7 +69,7 @@ fn write_failed(e: &io::Error) -> Fault {
 pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<String, Fault> {
     let name = |part: &str| format!("\"{}\"", part.trim_matches('"').replace('"', "\"\""));
     let Some((pipeline, own)) = table.split_once('.').filter(|(a, b)| !a.is_empty() && !b.is_empty()) else {
-        let fault = Fault::new(format!("`{table}` is not the name of a table of a store"));
+        let fault = Fault::new(format!("`{table}` is not the full name of a table"));
         return Err(fault.help("write PIPELINE.TABLE; `magline ls` lists the tables"));
     };
     let mut conditions = vec![];

@@ -123,8 +123,8 @@ fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a table of flight lines that every line reads as a whole",
-        InputKind::ManyRecords => "one or several tables of flight lines that every line reads as a whole",
+        InputKind::Record => "a table of flight lines, read as a whole for each line",
+        InputKind::ManyRecords => "one or several tables of flight lines, read as a whole for each line",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

@@ -52,7 +52,7 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
     // The kind of a table is known from its file alone, so the keys of all kinds are accepted.
     let mut source = group(&sources.concat());
     put(&mut source, "path", text("The file, folder or pattern, relative to the folder of the spec."));
-    put(&mut source, "where", text("For a model: an SQL condition that selects one of several."));
+    put(&mut source, "where", text("For a model: an SQL condition that selects one of several models."));
     source["required"] = json!(["path"]);
     let stages: Vec<Value> = catalogue.iter().flat_map(variants).collect();
     json!({

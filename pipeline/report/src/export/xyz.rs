@@ -174,7 +174,7 @@ fn unusable(text: &str, what: &str) -> Fault {
 
 fn several(key: &str, value: &str) -> Fault {
     let fault =
-        Fault::new(format!("column `{key}` has several values, but each line is written only once in Geosoft XYZ"));
+        Fault::new(format!("the key `{key}` has several values, but Geosoft XYZ can contain each line only once"));
     let (key, value) = (key.replace('"', "\"\""), value.replace('\'', "''"));
     fault.help(format!("select one value with `--where`, such as `\"{key}\" = '{value}'`, or use the extension .csv"))
 }

@@ -377,7 +377,7 @@ fn colour_bar(picture: &Raster) -> Markup {
                 }
             }
             text.name x=(px(left + 0.5 * wide)) y="43" text-anchor="middle" {
-                "anomaly, nT, at 0, 20 … 100 % of the area"
+                "percentiles 0, 20 … 100 of the anomaly over the area, nT"
             }
         }
     }

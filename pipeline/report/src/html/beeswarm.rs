@@ -62,8 +62,10 @@ impl BeeswarmSamples {
         let height = bottom + AXIS;
         let axis = ticks::linear(low, high, 6);
         let label = format!("contribution to the prediction, {unit}");
-        let words =
-            format!("{title}: one dot per sample, by its contribution to the prediction and the value of the input");
+        let words = format!(
+            "{title}: one dot per sample, placed by its contribution to the prediction and coloured by the value of \
+             the input"
+        );
         Some(html! {
             figure {
                 figcaption { strong { (title) } " (one dot per sample)" }

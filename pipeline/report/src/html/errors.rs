@@ -75,7 +75,7 @@ fn position(
     }
     let y = ChartAxis { range: frame(error, ins, sigma), ..ChartAxis::new(format!("error {}, m", way.to_lowercase())) };
     if y.range.is_some() {
-        caption.push_str(" The errors of the INS alone exceed the plot.");
+        caption.push_str(" The errors of the INS alone exceed the range of the plot.");
     }
     let title = format!("{way} error");
     LineChart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..LineChart::default() }

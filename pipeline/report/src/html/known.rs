@@ -92,7 +92,7 @@ impl MapProfile {
         if let Some(truth) = &self.truth {
             lines.push(line("true anomaly", "reference", truth));
             let off = number(Some(difference(&self.map, truth)));
-            caption.push_str(&format!(" The standard deviation of the map minus the true anomaly is {off} nT."));
+            caption.push_str(&format!(" The map differs from the true anomaly with a standard deviation of {off} nT."));
         }
         lines.push(line("map", "after", &self.map));
         LineChart {

@@ -184,8 +184,8 @@ fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outd
         @if !failures.is_empty() {
             section.trouble id="failures" {
                 h2 { (times) " failed" }
-                p { "All other results are computed. The table " code { (plan.spec.name) ".failures" } " lists all of \
-                    them." }
+                p { "All other results are computed. The table " code { (plan.spec.name) ".failures" } " lists all \
+                    failures." }
                 div.scroll { table {
                     thead {
                         tr {

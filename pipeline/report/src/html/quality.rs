@@ -350,13 +350,14 @@ fn glossary() -> Markup {
                 dt { "step" } dd { "resolution: every difference between samples is a whole multiple of the step. For \
                                     magnetometers, the step is flagged above two standard deviations of the noise, or \
                                     if it masks the noise" }
-                dt { "preferred values" } dd { "number of samples of a scalar magnetometer near values that are \
-                    over-represented and evenly spaced, and the spacing; flagged above a tenth of the samples" }
-                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \
-                                         directions, and the half width of the cone or belt. The first vector \
-                                         magnetometer gives the directions in the body frame. If the sensor itself \
-                                         reports its dead zone: the number of samples in the dead zone, and the \
-                                         longest stretch of such samples. Always flagged" }
+                dt { "preferred values" } dd { "number of samples of a scalar magnetometer at evenly spaced, \
+                    over-represented values, minus the number expected there without over-representation, and the \
+                    spacing of these values; flagged above a tenth of the samples" }
+                dt { "dead zone" } dd { "number of missing samples of a scalar magnetometer at which the field \
+                                         direction lies in a cone or belt, and the half width of the cone or belt. \
+                                         The first vector magnetometer gives the directions in the body frame. If the \
+                                         sensor itself reports its dead zone: the number of samples in the dead zone, \
+                                         and the longest stretch of such samples. Always flagged" }
                 dt { "lag" } dd { "delay relative to the first magnetometer of the same kind, from cross-correlation, \
                     if the correlation is high enough; flagged above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \
@@ -409,7 +410,7 @@ fn pictures(
         drawn.extend(Timeline { flight, lanes, hidden }.draw());
     }
     if more > 0 {
-        drawn.push(html! { p.note { (more) " more flagged flights have no figure." } });
+        drawn.push(html! { p.note { (more) " more flagged flights are not drawn." } });
     }
     Ok(drawn)
 }

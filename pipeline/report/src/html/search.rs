@@ -175,7 +175,7 @@ fn over_trials(trials: &[TrialTableRow], scale: &GoalScale) -> Option<Markup> {
     let last = trials.iter().map(|t| t.number).fold(1.0, f64::max);
     let chart = LineChart {
         title: "Goal of each trial".into(),
-        caption: "Circles are trials at each completed rung. The line is the best goal so far.".into(),
+        caption: "Each circle is a trial at one completed rung. The line is the best goal so far.".into(),
         x: ChartAxis { range: Some((0.5, last + 0.5)), ..ChartAxis::new("trial") },
         y: scale.dim.clone(),
         lines: vec![ChartLine { name: "best so far".into(), class: "after", points }],

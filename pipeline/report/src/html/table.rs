@@ -26,15 +26,15 @@ pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) 
         section id=(format!("scores-{name}")) {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
             p.lead { (points) (if points == 1 { " point of the sweep, " } else { " points of the sweep, " }) (over)
-                ". Errors are pooled as root mean squares, ratios as means, both weighted by samples."
+                ". Errors are pooled as root mean squares, ratios as means, both weighted by the number of samples."
                 @if in_sample { " Values with a " strong { "~" } " are in sample: the lines were used to make a model, \
                                                                   noise estimate or map, or to choose a parameter. \
                                                                   They are never the best." }
                 @if points > 1 { " The best value of each metric is coloured. Click a heading to sort." }
                 @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with \
-                    a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines, the \
-                                        filter is worse than the INS alone, its NEES or NIS is far from the expected \
-                                        value, or its innovations are correlated: " code { "whiteness" }
+                    a " strong { "!" } " are flagged; the numbers show how many of their lines are flagged. On these \
+                                        lines, the filter is worse than the INS alone, its NEES or NIS is far from the \
+                                        expected value, or its innovations are correlated: " code { "whiteness" }
                     " is below 0.8 and " code { "correlated_nis" } " is above 1.5. Flagged rows are never the best." }
                 @if cautious { " In a row labelled cautious, the covariance of the filter is too large for its \
                                 errors." }

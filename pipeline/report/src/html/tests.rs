@@ -115,7 +115,7 @@ fn unit_navigation_alone_has_no_model() {
         "North error: held, flight 1, line 1.02",
         "±3σ of the filter",
         "Whiteness of the innovations: held",
-        "95 % of white noise",
+        "95 % bounds for white noise",
     ] {
         assert!(html.contains(part), "{part}");
     }

@@ -102,7 +102,7 @@ impl NormalisedInnovations {
             caption,
             x: ChartAxis::new("lag, s").log(),
             y: ChartAxis::new("autocorrelation"),
-            bands: vec![ChartBand { name: "95 % of white noise".into(), points: band }],
+            bands: vec![ChartBand { name: "95 % bounds for white noise".into(), points: band }],
             lines: vec![ChartLine { name: "innovations".into(), class: "after", points }],
             height: HEIGHT,
             half: true,

@@ -15,7 +15,8 @@ impl StoreView {
         let GeographicRegion { west, east, south, north } = region;
         let is_region = west < east && east - west <= 720.0 && west.abs() <= 720.0 && south < north;
         if !is_region {
-            let fault = Fault::new(format!("there is no region from {west} to {east} and from {south} to {north} deg"));
+            let fault =
+                Fault::new(format!("the region from {west} to {east} and from {south} to {north} deg is invalid"));
             return Err(ViewFault::Wrong(fault.help("give `west` below `east` and `south` below `north`, in degrees")));
         }
         Ok(json!({ "lines": flat_coastlines(region) }))
