@@ -17,7 +17,7 @@ fn user_only_clients_with_the_token_are_answered() {
     is_refused(&mut client);
     client.set_token(TOKEN.to_owned());
     assert!(served.count(&mut client, one) > 0);
-    // The token is also accepted as the password of any user, and the handshake returns it.
+    // The token is also accepted as the password with any user name, and the handshake returns it.
     let mut client = served.client();
     assert!(served.runtime.block_on(client.handshake("anyone", "wrong password")).is_err());
     is_refused(&mut client);

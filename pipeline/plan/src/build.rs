@@ -42,7 +42,7 @@ const RESERVED_TABLES: [(&str, &str); 5] = [
     ("quality", "data quality"),
     ("warnings", "warnings"),
     ("scores_pooled", "scores pooled over lines"),
-    ("trials", "the trials of a search"),
+    ("trials", "search trials"),
 ];
 
 impl PlanBuilder<'_> {

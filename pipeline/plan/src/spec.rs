@@ -128,11 +128,11 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
     (
         "carry",
         "columns that pass through the stage unchanged into its published table, such as \
-         `[\"lat\", \"lon\"]`; for tables of flight lines (default: none)",
+         `[\"lat\", \"lon\"]`; only for tables of flight lines (default: none)",
     ),
     (
         "keep",
-        "`false`: results are not stored, but recomputed when required; for tables of flight lines with \
+        "`false`: results are not stored, but recomputed when required; only for tables of flight lines with \
          `publish = false` (default: `true`)",
     ),
 ];

@@ -1,4 +1,4 @@
-//! Authenticates clients by the token, which is given as `Bearer TOKEN` or as the password of any user.
+//! Authenticates clients by the token, which is given as `Bearer TOKEN`, or as the password with any user name.
 
 use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use schemas::Fault;
@@ -10,7 +10,7 @@ use super::PortClient;
 const SHORTEST: usize = 16;
 
 const WRONG: &str =
-    "the token is missing or wrong; send it as `authorization: Bearer TOKEN`, or as the password of any user";
+    "the token is missing or wrong; send it as `authorization: Bearer TOKEN`, or as the password with any user name";
 
 /// Secret that clients must present. It is compared by its hash, in constant time.
 #[derive(Clone)]

@@ -53,8 +53,8 @@ pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, 
     };
     let provider = cryptography().map_err(|fault| {
         fault.help(
-            "listen on the loopback address, and use a proxy that supports HTTP/2 for \
-                                     encryption",
+            "listen on the loopback address, and encrypt the connections with a proxy that supports \
+                                     HTTP/2",
         )
     })?;
     let chain: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(certificates).collect();

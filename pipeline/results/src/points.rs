@@ -181,7 +181,7 @@ impl<'de> Visitor<'de> for PointsVisitor {
         }
         let StoredPoints { count, axes, parameters } = StoredPoints::deserialize(MapAccessDeserializer::new(map))?;
         let points = SnapshotPoints { count, axes, parameters };
-        points.checked().ok_or_else(|| A::Error::custom("the values of the points do not match their number"))
+        points.checked().ok_or_else(|| A::Error::custom("the number of values does not match the number of points"))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut points: A) -> Result<SnapshotPoints, A::Error> {

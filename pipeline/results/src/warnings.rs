@@ -223,7 +223,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some((count, fixes)) = row.counted(&track::GNSS_REJECTED).filter(|(count, _)| *count > 0.0) {
         let first = facts
             .gnss_rejected_s()
-            .map_or(String::new(), |at| format!(", the first {at:.0} s after the start of the line"));
+            .map_or(String::new(), |at| format!(", the first one {at:.0} s after the start of the line"));
         let text = format!("{count:.0} of {fixes} GNSS positions contradict the INS and are rejected{first}");
         add(WarningKind::Gnss, (count, 0.0, "1"), text);
     }
@@ -236,7 +236,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.flat()
         && share > limits::FLAT
     {
-        let text = format!("the map is too flat to correct the position at {:.0} % of the measurements", 100.0 * share);
+        let text =
+            format!("at {:.0} % of the measurements, the map is too flat to correct the position", 100.0 * share);
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some((error_nt, limit)) = facts.map_height_nt() {

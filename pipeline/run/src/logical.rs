@@ -171,7 +171,7 @@ pub fn write(
             kind,
             "",
             Role::Key,
-            "key of the unit, or of a unit upstream; the number in the column name is the distance in inputs",
+            "key of the unit, or of a unit upstream; the number in the column name is the number of steps upstream",
         ));
     }
     let batch =

@@ -204,7 +204,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
     );
     fields.push(field("goal", DataType::Float64, goal.metric.unit, Role::Derived, &about));
     arrays.push(Arc::new(trials.iter().map(|t| t.goal).collect::<Float64Array>()));
-    fields.push(field("lines", DataType::Int64, "", Role::Derived, "number of line scores that the goal pools"));
+    fields.push(field("lines", DataType::Int64, "", Role::Derived, "number of line scores pooled in `goal`"));
     arrays.push(whole(&|t| t.lines));
     let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
     fields.push(word("state", "state of the trial: done, promoted (to the next rung), pruned or failed"));

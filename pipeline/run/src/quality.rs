@@ -44,14 +44,14 @@ pub fn table(graph: &PlanGraph, store: &Store) -> Result<ExtraTable, Fault> {
         ("line", text(&|r| r.1.line.clone()), Role::Key, "line identifier"),
         ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column or vector magnetometer of the finding"),
         ("finding", text(&|r| r.2.check.as_str().to_owned()), Role::Key, "the finding"),
-        ("n", whole(|f| f.n), Role::Derived, "the number of samples"),
+        ("n", whole(|f| f.n), Role::Derived, "the number of affected samples"),
         (
             "first_row",
             whole(|f| f.first_row),
             Role::Derived,
-            "the row of the first such sample in its line, counted from 0",
+            "the row of the first affected sample in its line, counted from 0",
         ),
-        ("value", value, Role::Derived, "the value of the first such sample; null if missing or infinite"),
+        ("value", value, Role::Derived, "the value of the first affected sample; null if missing or infinite"),
         ("unit", text(&|r| r.2.unit.clone()), Role::Derived, "the unit of the value"),
     ];
     let fields: Vec<Field> = columns

@@ -88,7 +88,7 @@ pub fn no_trial_succeeded(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Fa
         table: search.table.clone(),
         point: Default::default(),
         line: None,
-        fault: Fault::data(format!("{what}; the reason for the first trial: {why}")),
+        fault: Fault::data(format!("{what}; the reason in the first trial: {why}")),
     })
 }
 

@@ -29,7 +29,7 @@ impl TargetTables {
         let names: Vec<&str> = self.names(plan).collect();
         (!names.is_empty()).then(|| {
             let which = names.join(", ");
-            format!("left unchanged, because `--until` does not include them: {which}")
+            format!("tables left unchanged, because `--until` does not include them: {which}")
         })
     }
 

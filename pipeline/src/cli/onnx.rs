@@ -37,7 +37,7 @@ struct OnnxTerms {
 
 impl BatchSink for OnnxTerms {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
-        let wrong = || Fault::new("the table is not made by a `fit`: it has no terms and values");
+        let wrong = || Fault::new("the table is not made by a stage `fit`: it has no terms and values");
         let names = batch.column(0).as_string_opt::<i32>().ok_or_else(wrong)?;
         let values = batch.column(1).as_primitive_opt::<Float64Type>().ok_or_else(wrong)?;
         self.names.extend(names.iter().map(|name| name.unwrap_or_default().to_owned()));

@@ -55,7 +55,7 @@ repeats the navigation with changed keys. The cause then contains the first chan
 result. The table also has rows of these kinds:
   wide_start   the initial position is too uncertain for a filter that linearises the map
   late         the time stamps of the magnetometer are late
-  height_bias  the height on the map has a constant error
+  height_bias  the height relative to the map has a constant error
   gnss         GNSS positions are rejected
   off_map      the line is mostly off the map
   flat         the map is flat

@@ -17,8 +17,8 @@ pub struct ServeArgs {
     /// The address to listen on; port 0 selects a free port.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:31337")]
     bind: SocketAddr,
-    /// The file with the token that clients must send, as a bearer token or as the password of any user. Without a
-    /// token the server accepts only connections from this machine, from any user.
+    /// The file with the token that clients must send, as a bearer token, or as the password with any user name.
+    /// Without a token the server accepts only connections from this machine, from any user.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
     /// The certificate chain in PEM format. Connections are then encrypted.

@@ -64,7 +64,7 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
         None => (String::new(), decl.path.1.clone()),
         Some(given) => match given.value {
             Literal::Text(text) => (text, given.at),
-            _ => return Err(vec![Fault::new("`where` must be an SQL condition, as text").at(given.at)]),
+            _ => return Err(vec![Fault::new("`where` must be text that contains an SQL condition").at(given.at)]),
         },
     };
     let ModelOptions { features } = model_options(&rest)?;
@@ -127,7 +127,7 @@ fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     }
     for (name, kind) in [(TERM, DataType::Utf8), (VALUE, DataType::Float64)] {
         if !fields.iter().any(|field| field.name() == name && *field.data_type() == kind) {
-            let what = format!("the table is not made by a `fit`: it has no column `{name}` of {kind}");
+            let what = format!("the table is not made by a stage `fit`: it has no column `{name}` of {kind}");
             return Err(Fault::data(what));
         }
     }

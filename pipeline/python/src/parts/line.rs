@@ -129,7 +129,7 @@ pub struct ColumnView {
 impl ColumnView {
     fn new(name: &str, array: &ArrayRef) -> PyResult<ColumnView> {
         let other =
-            || PyTypeError::new_err(format!("the column `{name}` does not hold Float64; read it through Arrow"));
+            || PyTypeError::new_err(format!("the column `{name}` has no Float64 values; read it through Arrow"));
         let rows = array.len();
         let (values, width, start) = match array.as_fixed_size_list_opt() {
             Some(list) => {

@@ -138,7 +138,7 @@ pub fn read(reading: &TermLookup) -> Result<Arc<dyn ExternalModel>, Fault> {
     let source = reading.word("source")?;
     if source != part.source {
         let what = format!("the model `{name}` was fitted by other source code: {source}, not {}", part.source);
-        return Err(Fault::data(what).help("fit the model again, or load the source code that fitted it"));
+        return Err(Fault::data(what).help("fit the model again, or load the source code that it was fitted with"));
     }
     let parameters = reading.word("parameters")?;
     let (inputs, _) = reading.list("input")?;

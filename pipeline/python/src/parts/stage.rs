@@ -116,7 +116,7 @@ pub struct PythonStage {
 
 impl Params for PythonStage {
     fn read(reader: &mut ParamReader, _: Option<&Self>) -> Option<Self> {
-        reader.push(Fault::bug("a stage written in Python is read only by its entry in the catalogue"));
+        reader.push(Fault::bug("only the catalogue entry of a stage written in Python can read its parameters"));
         None
     }
 
@@ -195,7 +195,7 @@ fn check_made(name: &str, unit: &str) -> Result<(), Fault> {
     if !known.is_empty() && known != unit {
         let given = if unit.is_empty() { "no unit" } else { unit };
         let fault = Fault::new(format!("the column `{name}` is in {known}, but the stage declares {given}"));
-        return Err(fault.help(format!("convert the values to {known} and declare it in `makes`")));
+        return Err(fault.help(format!("convert the values to {known}, and declare {known} in `makes`")));
     }
     Ok(())
 }

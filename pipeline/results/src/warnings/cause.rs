@@ -200,8 +200,8 @@ impl<'a> LineFacts<'a> {
             }).into_iter().collect(),
             WarningKind::HeightBias => self.height_bias_m().map(|(bias_m, _)| {
                 format!(
-                    "the barometer has a constant error (pressure setting, temperature), the height of the INS or the \
-                     map omits the height of the geoid, or the map is at another height: add {bias_m:.0} m to \
+                    "the barometer has a constant error (pressure setting, temperature), the geoid height is missing \
+                     from the height of the INS or of the map, or the map is at another height: add {bias_m:.0} m to \
                      `ins_alt` with `derive`, or subtract it from `alt_m` of the map"
                 )
             }).into_iter().collect(),

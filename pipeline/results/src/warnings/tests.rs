@@ -73,7 +73,7 @@ fn unit_rejected_positions_are_reported_with_their_time() {
     let row = LineMetrics::from([("gnss_rejected", 893.0)]);
     let settings = NavigationSettings { gnss_rejected_s: Some(603.0), ..given(2.0) };
     let found = judge(&facts(&row, settings)).remove(0);
-    assert!(found.text.contains("893 of") && found.text.contains("the first 603 s after"), "{}", found.text);
+    assert!(found.text.contains("893 of") && found.text.contains("the first one 603 s after"), "{}", found.text);
     assert!(found.cause.is_some_and(|cause| cause.contains("jammed, spoofed or faulty")));
     assert!(judge(&facts(&LineMetrics::from([("gnss_rejected", 0.0)]), given(2.0))).is_empty());
 }

@@ -210,13 +210,13 @@ impl InitText<'_> {
             (Some(mag), Some(vector)) if self.calibration(main).is_some() => {
                 format!("{mag} with the Tolles-Lawson terms of {vector}")
             }
-            (Some(_), Some(_)) => "none: no line has manoeuvres".to_owned(),
-            (Some(_), None) => "none: compensation requires a vector magnetometer".to_owned(),
+            (Some(_), Some(_)) => "none (no line has manoeuvres)".to_owned(),
+            (Some(_), None) => "none (compensation requires a vector magnetometer)".to_owned(),
             (None, _) => match self.vector_only() {
                 Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
                 None => {
                     let needs = self.vector_needs().join(", ");
-                    format!("none: without a scalar magnetometer, the log lacks required data: {needs}")
+                    format!("none (without a scalar magnetometer, compensation needs data that the log lacks: {needs})")
                 }
             },
         }

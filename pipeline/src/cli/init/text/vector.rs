@@ -97,7 +97,7 @@ impl InitText<'_> {
         let (condition, of_half) = if self.lines.is_some() {
             ("where    = \"line = '$calibration'\"\n".to_owned(), "the half of `calibration`")
         } else {
-            (String::new(), "all lines, so that its scores are `in_sample`")
+            (String::new(), "all lines; the scores are therefore `in_sample`")
         };
         text += &format!(
             include_str!("vector_stages.txt"),
