@@ -74,7 +74,7 @@ pub fn run(args: &OnnxArgs) -> Result<(), ExitReason> {
         let fault = Fault::new(format!("{} has no dense network", args.table));
         return Err(fault
             .help(
-                "only networks that use single samples can be exported: `m1`, `m2a` to `m2d`, `m3tl` to \
+                "only networks that take one sample at a time can be exported: `m1`, `m2a` to `m2d`, `m3tl` to \
                                `m3vc`, `tlnn` and `etlnn`",
             )
             .into());

@@ -36,7 +36,7 @@ impl Aggregate {
     /// The figures and a description of the rule.
     pub fn words(&self) -> String {
         format!(
-            "at least {} samples per value and {:.0} per number (minimum {} and {})",
+            "at least {} samples per value and {:.0} per published number (minimum {} and {})",
             self.samples, self.ratio, self.least_samples, self.least_ratio
         )
     }

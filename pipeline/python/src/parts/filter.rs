@@ -196,7 +196,7 @@ impl Flight {
             let (offset_nt, samples) = field.offset(ins, &measured, input.offset_window_s);
             if samples == 0 {
                 let what = "no sample within `offset_window_s` has both a measurement and a map value";
-                return Err(Fault::data(format!("{what}, which the filter `{name}` requires")));
+                return Err(Fault::data(format!("{what}; the filter `{name}` requires such a sample")));
             }
             measured.iter_mut().for_each(|m| *m -= offset_nt);
         }

@@ -133,7 +133,7 @@ pub fn parts(root: &Path, table: &str) -> Result<RecordBatch, Fault> {
 fn pinned(root: &Path, pipeline: &str, (number, sum): &(u64, String)) -> Result<Version, Fault> {
     let version = Version::open(&root.join("versions").join(pipeline).join(number.to_string()));
     version.filter(|version| version.manifest.sum() == sum).ok_or_else(|| {
-        let what = format!("the version of `{pipeline}` that the query was planned for no longer exists");
+        let what = format!("the version of `{pipeline}` for which the query was planned no longer exists");
         Fault::machine(what).help("repeat the query, which then reads the current version")
     })
 }
