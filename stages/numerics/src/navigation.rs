@@ -18,12 +18,12 @@
 //! field |
 //! | [`aids`] | further measurements: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
-//! | [`adaptive`] | the filter that estimates its noise |
-//! | [`nekf`] | the filter whose noise a recurrent network sets |
+//! | [`adaptive`] | the filter that estimates the measurement noise |
+//! | [`nekf`] | the filter with noise set by a recurrent network |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
 //! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
-//! | [`mpf`] | the marginalised particle filter, alone or until a Kalman filter takes its estimate |
+//! | [`mpf`] | the marginalised particle filter, alone or followed by a Kalman filter |
 //! | [`stream`] | `ekf`, `ekf_adaptive` and `ekf_online_tl` fed sample by sample |
 //! | [`slam`] | navigation without a map, from revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
@@ -61,9 +61,9 @@
 //! x ← Φ x,                   P ← Φ P Φᵀ + Q_d,      Q_d = ∫₀^Δt e^(F s) Q e^(Fᵀ s) ds
 //! ```
 //!
-//! Differences from the published equations: Gnadt 2022 (5.37) omits the element 1 for S in H. Its (5.35) is a spectral
-//! density, which must be integrated over a step ([`NoiseDiscretisation`]). A measurement with a constant offset beyond
-//! the range of S requires [`EkfParameters::offset_window_s`].
+//! Differences from the published equations: Gnadt 2022 (5.37) omits the element 1 for S in H. Its (5.35) gives a
+//! spectral density, which must be integrated over a step ([`NoiseDiscretisation`]). A measurement with a constant
+//! offset beyond the range of S requires [`EkfParameters::offset_window_s`].
 //!
 //! # Examples
 //!

@@ -14,11 +14,11 @@
 //! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the published equation with the
 //! covariance of the current sample.
 //!
-//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere this mean is larger in
-//! these two forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With
-//! MagNav.jl's window of 10 and wide bounds, the matched form gives a mean R/R̂ of 2.4 on the simulated flights of the
-//! tests. The squared error is six times the error that the filter predicts. With a window of 50, both are correct
-//! within 10 %. A short window requires tight bounds.
+//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Where it is not small, both forms
+//! give a larger mean. With a short window R̂ is occasionally near 0, and the filter then follows its measurements.
+//! With MagNav.jl's window of 10 and wide bounds, the matched form gives a mean R/R̂ of 2.4 on the simulated flights of
+//! the tests. The squared error is six times as large as the filter predicts. With a window of 50, both ratios are
+//! within 10 % of 1. A short window requires tight bounds.
 //!
 //! # Position less accurate than the measurement
 //!
@@ -32,26 +32,28 @@
 //! ```
 //!
 //! which is never near 0. With a window of 10, the mean of R/R̂ on the same flights is 1.27, slightly above N/(N − 2),
-//! and the squared error is 7 % larger than the filter predicts. The mean of the estimate is R if R̂ is R. An
-//! innovation changes the estimate by (R/(H P Hᵀ + R))² of its change in the other forms, so an innovation without
-//! information on the noise does not change it. If H P Hᵀ is small compared with R, the result equals that of the
-//! matched form.
+//! and the squared error is 7 % larger than the filter predicts. If the filter already uses R̂ = R, the expected value
+//! of the estimate is R. An innovation changes the estimate (R/(H P Hᵀ + R))² times as much as in the other forms, so
+//! an innovation without information on the noise has no effect. If H P Hᵀ is small compared with R, the result equals
+//! that of the matched form.
 //!
 //! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]), each innovation counts in units
-//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates one factor of σ and keeps its variation.
+//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates a common factor on σ and keeps the
+//! variation of σ along the line.
 //!
 //! # Several magnetometers
 //!
-//! All magnetometers measure the same field and the same S, so their rows of H are equal and their noises independent.
-//! The update with R = diag(R_1, R_2, …) therefore equals the update with their mean weighted by 1/R_i, whose variance
-//! is 1/Σ 1/R_i. If a magnetometer fails, its R̂ grows and its weight falls. (MagNav.jl adds R to every element of H P
-//! Hᵀ, which is singular for more than one.)
+//! All magnetometers measure the same field and the same S, so their rows of H are equal. Their noises are independent.
+//! The update with R = diag(R_1, R_2, …) therefore equals the update with the mean of the measurements, weighted by
+//! 1/R_i. The variance of this mean is 1/Σ 1/R_i. If a magnetometer fails, its R̂ grows and its weight falls.
+//! (MagNav.jl adds R to every element of H P Hᵀ; for several magnetometers, this matrix is singular.)
 //!
 //! # Process noise
 //!
 //! (5.47) of Gnadt 2022, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
-//! In its printed form it keeps the initial covariance. Instead, the filter adds the excess to the model's Q, with the
-//! mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
+//! With the printed Q̂, the covariance keeps its initial value, because K C Kᵀ adds back the decrease by each update.
+//! Instead, the filter adds the excess to the model's Q, with the mean of v²/(H P Hᵀ + R) of the last N samples in
+//! place of C/(H P Hᵀ + R):
 //!
 //! ```text
 //! Q̂ = Q + ε K (H P Hᵀ + R) Kᵀ,     ε = mean of v²/(H P Hᵀ + R), less 1, between 0 and 1
@@ -59,7 +61,7 @@
 //!
 //! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most the whole decrease is
 //! added back. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model,
-//! chance alone makes ε 0.56/√N on average. This is a weak remedy: an unmodelled drift appears in the innovations only
+//! ε is still 0.56/√N on average, by chance. This is a weak remedy: an unmodelled drift appears in the innovations only
 //! when it is as large as the noise.
 //!
 //! # Irregularities
@@ -108,14 +110,14 @@ choice! {
     /// Estimator of R from the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// A posteriori residual of every measurement, starting from the assumed noise. This form also works where the
-        /// position is less accurate than the measurement.
+        /// Uses the a posteriori residual of every measurement, and starts from the assumed noise. This form also works
+        /// where the position is less accurate than the measurement.
         #[default]
         Residual = "residual",
         /// Subtracts from each squared innovation the H P Hᵀ of its time, and starts from the assumed noise.
         Matched = "matched",
-        /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
-        /// the present sample. For comparison with that program.
+        /// Form of MagNav.jl, for comparison with that program. Uses the mean of the bounds until the window is full,
+        /// and then subtracts the H P Hᵀ of the present sample from the mean squared innovation.
         Compatible = "compatible",
     }
 }
@@ -216,7 +218,7 @@ pub(crate) fn check_bounds([least, largest]: [f64; 2]) -> Result<(), ParameterEr
 /// Estimated noise of a magnetometer, and the number of samples by outcome.
 #[derive(Clone, Debug, Default)]
 pub struct MagnetometerNoise {
-    /// Standard deviation of the noise of each measurement in the filter, in nT; NaN without an innovation.
+    /// Standard deviation of the noise that the filter assumed for each measurement, in nT; NaN without an innovation.
     pub sigma_nt: Vec<f64>,
     /// Number of measurements used.
     pub updates: usize,
@@ -242,8 +244,8 @@ pub struct AdaptiveOutput {
     pub given_back: Vec<f64>,
 }
 
-/// Filters one line with all of its magnetometers. The line's own measurement and sigma must match its length, but are
-/// not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer from measurement and sigma. Costs about 3 µs per
+/// Filters one line with all of its magnetometers. The line's own measurement and sigma must have the length of the
+/// line, but are not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer from them. Costs about 3 µs per
 /// sample.
 ///
 /// # Errors
@@ -290,7 +292,8 @@ struct AdaptiveState<'a> {
     given_back: Vec<f64>,
 }
 
-/// Adaptive extended Kalman filter with the INS of a line and the readings of a magnetometer at a row.
+/// Adaptive extended Kalman filter, with the INS of a line and a function that returns the reading of a magnetometer at
+/// a row.
 struct AdaptiveEkf<'s, 'a, R> {
     state: &'s mut AdaptiveState<'a>,
     ins: &'s InsSeries<'s>,

@@ -1,15 +1,16 @@
 //! Kalman filters with further measurements in addition to the scalar field: the difference of two magnetometers, the
-//! field vector, and a height. They also have a map error that is correlated along the track, and skip samples where
-//! the map is too flat.
+//! field vector, and a height. These filters also model a map error that is correlated along the track, and skip
+//! samples where the map is too flat.
 //!
 //! The measurements and their models are described in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`]
-//! also treats the nonlinearity of the map over the uncertainty of the position as noise, as the slope regressed over
-//! that uncertainty does [Hostetler & Andreas 1983]. At the top of a hill, where the slope vanishes, no other
+//! regresses the slope of the map over the uncertainty of the position, and treats the nonlinearity over this
+//! uncertainty as noise [Hostetler & Andreas 1983]. At the top of a hill, where the slope vanishes, no other
 //! linearisation is consistent.
 //!
-//! Each sample uses the aiding positions first, then scalar, difference, vector and height, one scalar after the other.
-//! Irregularities are treated as in [`ekf`](crate::navigation::ekf), separately for each measurement. The difference is
-//! off the map if either end of the baseline is off the map.
+//! At each sample, the filter uses the aiding positions first, then the scalar field, the difference, the vector and
+//! the height. Each scalar value is a separate update. Irregularities are treated as in
+//! [`ekf`](crate::navigation::ekf), separately for each measurement. The difference is off the map if either end of the
+//! baseline is off the map.
 
 pub(crate) mod filter;
 mod slope_error;
@@ -34,7 +35,7 @@ pub enum Linearisation {
     /// Linearises at the predicted state, as in [`ekf`](crate::navigation::ekf).
     #[default]
     Once,
-    /// Again at each estimate, as [`iekf`](crate::navigation::iekf).
+    /// Linearises again at each iterate, as in [`iekf`](crate::navigation::iekf).
     Iterated {
         /// Maximum number of linearisations.
         iterations: usize,

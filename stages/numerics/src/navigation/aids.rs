@@ -1,5 +1,6 @@
 //! Measurements in addition to the scalar field, common to all filters: the difference of two magnetometers, the field
-//! vector, and a height. Also the map error along the track, and samples where the map is too flat.
+//! vector, and a height. The module also contains the map error along the track, and the test for samples where the map
+//! is too flat.
 //!
 //! The 18 states of [`pinson`](crate::navigation::pinson) are followed by Gauss-Markov states: the slow error of each
 //! further measurement. Let p = INS + x be the position, S the temporal variation, ψ the tilt, C the rotation of the
@@ -27,24 +28,27 @@
 //! both ends. The map therefore requires a continuous slope
 //! ([`MapInterpolation::Cubic`](crate::maps::MapInterpolation::Cubic)); the slope of a bilinear map changes only at the
 //! edges of its cells. Over a short baseline r the position error for one sample is σ_d/(r |∂²f|). The tilt turns the
-//! baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends. Half a degree of yaw along 15 m with a slope
-//! of 0.1 nT/m across is 0.013 nT. A difference therefore also measures the yaw where the map is steep.
+//! baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends. With a baseline of 15 m and a slope of 0.1
+//! nT/m across the baseline, half a degree of yaw changes the difference by 0.013 nT. A difference therefore also
+//! measures the yaw where the map is steep.
 //!
-//! The error of the map's slope enters the difference times the baseline: g_h along its horizontal part a_h, and g_u
-//! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A level map
-//! has no vertical slope, so g_u is the whole vertical slope. With 2.5 degrees of pitch, a baseline of 15 m has 0.65 m
-//! of height. At 0.1 nT/m this exceeds the noise of such a difference.
+//! An error of the map's slope adds the error times the baseline to the difference: the horizontal error g_h times the
+//! baseline's horizontal part a_h, and the upward error g_u times its upward part a_u ([`SlopeError`]). Both are states
+//! with a correlation length along the track. A level map has no vertical slope, so g_u is the whole vertical slope.
+//! With 2.5 degrees of pitch, one end of a 15 m baseline is 0.65 m higher than the other. With a vertical slope of 0.1
+//! nT/m, the effect exceeds the noise of such a difference.
 //!
-//! **The vector** measures the attitude, except for the rotation about the field, to (σ_v, b_v)/|B|: 50 nT of 50,000 nT
-//! are 0.06 degrees. The component along the field repeats the scalar measurement. The scalar map does not determine
-//! the crustal field across the core field, which is as large as the anomaly. This part is the state a_c (north, east,
-//! down, with equal standard deviations and a correlation length).
+//! **The vector** measures the attitude, except for the rotation about the field, with an error of (σ_v, b_v)/|B|. An
+//! error of 50 nT in a field of 50,000 nT corresponds to 0.06 degrees. The component along the field repeats the scalar
+//! measurement. The scalar map does not determine the part of the crustal field across the core field, although this
+//! part is as large as the anomaly. It is the state a_c (north, east, down, with equal standard deviations and a
+//! correlation length).
 //!
 //! **A flat map** ([`Aids::flat_over_m`]): where the standard deviation of the measurement's white noise exceeds this
 //! number of metres times the horizontal slope, σ > |∇f| · `flat_over_m`, the sample does not observe the position, and
-//! its slope is dominated by the map error. A filter then corrects only S, e and the aircraft field: the consider
-//! update [Schmidt 1966], whose covariance remains correct. A smoother skips the sample, because least squares has no
-//! such update.
+//! the map error dominates the slope. A filter then corrects only S, e and the aircraft field: the consider update
+//! [Schmidt 1966], whose covariance remains correct. A smoother skips the sample, because least squares has no such
+//! update.
 
 mod rows;
 mod slope;
@@ -150,8 +154,8 @@ pub struct Aids<'a> {
     /// the map. This height bias is a constant state. It is the error of the INS's barometer, or the error of the map's
     /// height with the opposite sign. It requires a map that changes with height.
     pub map_height_sigma_m: Option<f64>,
-    /// Largest standard deviation of a measurement, divided by the map's slope, in metres, for which the map observes
-    /// the position.
+    /// Limit, in metres, of a measurement's standard deviation divided by the map's slope. Beyond it, the map is too
+    /// flat to observe the position.
     pub flat_over_m: Option<f64>,
 }
 

@@ -9,11 +9,13 @@
 //!
 //! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the single path that was flown, without an expectation over
 //! paths. It is written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean
-//! squared error over the draws of noise, except by the nonlinearity of the map within its own error.
+//! squared error over the draws of noise, except through the nonlinearity of the map within the filter's position
+//! error.
 //!
-//! The INS affects the bound only through the velocity, specific force and attitude in F. Of the measurements, only
-//! their presence matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same
-//! holds for a sample where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
+//! The INS affects the bound only through the velocity, specific force and attitude in F. A measurement affects the
+//! bound only by its presence, not by its value. A measurement that is NaN, or whose sigma is not above 0, adds no
+//! information. The same holds for a sample where the true position is off the map or in an unknown cell. Both kinds of
+//! samples are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
@@ -68,9 +70,9 @@ impl<'a> TruePath<'a> {
 ///
 /// The estimate is the truth: positions, and velocities if given, else the velocities of the INS. `sd_n_m`, `sd_e_m`
 /// and `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
-/// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is its square over
-/// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. The residual is not the innovation of a filter.
-/// The offset is the mean residual over the first `offset_window_s` seconds.
+/// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is the squared
+/// residual over the variance σ_S² + σ² of variation and noise; a mean of 1 confirms the assumed noise. The residual is
+/// not the innovation of a filter. The offset is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`] and [`TruePath::along`]. Also fails with

@@ -29,7 +29,7 @@ impl MapSource<'_> {
 }
 
 /// Map, and core field at one date. The core field is linearised about a point near the last evaluated position, so
-/// each thread needs a copy. The order of positions changes results by less than 1e-3 nT.
+/// each thread needs a copy. The order in which positions are evaluated changes results by less than 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
     map: MapSource<'a>,
@@ -52,7 +52,7 @@ impl<'a> PredictedField<'a> {
         PredictedField::of(MapSource::Shared(map), core)
     }
 
-    /// Expansion point of the core field; `None` without one.
+    /// Expansion point of the core field; `None` without a core field.
     pub(crate) fn expansion_point(&self) -> Option<[f64; 3]> {
         self.core.as_ref().and_then(LinearisedCoreField::expansion_point)
     }

@@ -13,13 +13,14 @@
 //!   s, and a drift of 0.5 m/s after 12 to 19 s.
 //!
 //! At an alarm, the fixes since the sum was last 0 are also rejected, and the test resumes from the state before them.
-//! It therefore stores the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`]
-//! consecutive fixes that agree with it end the alarm.
+//! The test therefore stores the estimate before the last fix at which the sum was 0. During the alarm, the INS alone
+//! predicts. [`RECOVERY`] consecutive fixes that agree with the INS end the alarm.
 //!
 //! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and
 //! others), because the actual initial error may exceed the error that a filter assumes. It needs about 30 s of fixes
-//! before it detects a drift. An offset that is present from the first fix on cannot be detected. Fixes with more noise
-//! than assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
+//! before it detects a drift. An offset that is present from the first fix on cannot be detected. If the fixes have
+//! more noise than assumed, the limits of both tests are widened according to the median of z² over the last
+//! [`SCALE_OVER`] fixes.
 
 use crate::navigation::gaussian::{Sensitivity, StateEstimate, StepModel};
 use crate::navigation::ins_error::InsErrorModel;

@@ -14,13 +14,13 @@
 //!
 //! # Method
 //!
-//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are estimated together by
-//! Gauss-Newton with a line search on the posterior cost. Each step is a forward pass of the filter about the last path
-//! (Joseph's form), followed by its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the
-//! iterated smoother is Gauss-Newton]. No covariance is inverted, so states may have no process noise or a large prior.
-//! The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P λ₁ +
-//! ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss) (iteratively
-//! reweighted least squares).
+//! A window of length `window_s` ends after every stride of `window_s` (1 − `overlap`). All states of a window are
+//! estimated together by Gauss-Newton with a line search on the posterior cost. Each step is a forward pass of the
+//! filter about the last path (Joseph's form), followed by its adjoint, the modified Bryson-Frazier smoother [Bierman
+//! 1973; Bell 1994: the iterated smoother is Gauss-Newton]. No covariance is inverted, so states may have no process
+//! noise or a large prior. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and
+//! process is ½ λ₁ᵀ P λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of
+//! [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss) (iteratively reweighted least squares).
 //!
 //! The first windows begin at the line's start. The prior of a later window is the marginal at its first node given
 //! only the dropped measurements, linearised about the last solution. It contains the whole covariance of INS states

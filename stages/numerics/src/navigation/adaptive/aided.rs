@@ -19,7 +19,8 @@ pub struct AidedAdaptiveOutput {
     pub line: AidedOutput,
     /// Estimated noise of each magnetometer, in the order of the magnetometers.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// Share of the covariance decrease by the scalar field that is restored as process noise after each sample.
+    /// Share ε of the covariance decrease that is added back as process noise after each sample; only the decrease by
+    /// the scalar field counts.
     pub given_back: Vec<f64>,
 }
 

@@ -157,7 +157,8 @@ impl NoiseEstimator {
     }
 
     /// Updates the noise estimate of the residual form after the correction of a row, with the expected squared noise
-    /// given all measurements of the row. An unused innovation is treated as the only innovation of its sample.
+    /// given all measurements of the row. For an unused innovation, this expectation is computed as if it were the only
+    /// innovation of its sample.
     pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
         let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
         let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };
@@ -166,8 +167,8 @@ impl NoiseEstimator {
         self.window.push((left_nt * left_nt + gain * mean_nt2) / unit);
     }
 
-    /// Variance of the noise from the innovations so far, within its bounds. `unit` is the present reference of the
-    /// window.
+    /// Variance of the noise from the innovations so far, within its bounds. `unit` is the present reference variance,
+    /// in nT², by which the squares in the window are divided.
     fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
         let [least, largest] = self.bounds_nt.map(|sigma_nt| sigma_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);

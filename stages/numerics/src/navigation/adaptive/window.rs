@@ -12,12 +12,12 @@ pub(super) struct SlidingSum {
     len: usize,
     /// Sum of the present round.
     round: f64,
-    /// Sums of the previous round from each index to its end.
+    /// Sums of the previous round from each index to the end of the buffer.
     before: Vec<f64>,
 }
 
 impl SlidingSum {
-    /// Empty window over the last `capacity` numbers, which is at least 1.
+    /// Empty window over the last `capacity` numbers; `capacity` is at least 1.
     pub(super) fn new(capacity: usize) -> Self {
         Self { numbers: vec![0.0; capacity], next: 0, len: 0, round: 0.0, before: vec![0.0; capacity + 1] }
     }

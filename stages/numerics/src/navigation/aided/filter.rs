@@ -81,7 +81,7 @@ impl MeasurementOutcome {
         }
     }
 
-    /// Outcome of a sample from the outcomes of its measurements, the scalar field first.
+    /// Outcome of a sample, from the outcomes of all its measurements. The scalar field is the first of `all`.
     pub(crate) fn usage(all: &[Self]) -> SampleUsage {
         if all.iter().any(|one| matches!(one, Self::Used(_))) {
             SampleUsage::Used
@@ -154,7 +154,7 @@ impl<'a> AidedFilter<'a> {
         }
     }
 
-    /// Creates the filter of a bound: the INS of the line is the truth.
+    /// Creates the filter for a Cramér-Rao bound, which treats the INS of the line as the truth.
     pub(crate) fn of_bound(line: &'a NavigationLine<'a>, aids: &'a Aids<'a>, parameters: &AidedParameters) -> Self {
         Self { bound: true, ..Self::new(line, aids, parameters) }
     }
@@ -220,7 +220,8 @@ impl<'a> AidedFilter<'a> {
         self.now.update(moved, s, &mut self.gain, &mut self.spare);
     }
 
-    /// Innovation of variance `s`; for a bound, with the variance of the noise and slow errors.
+    /// Innovation with the variance `s`; for a Cramér-Rao bound, with the variance of the noise and slow errors
+    /// instead.
     fn innovation(&self, residual_nt: f64, s: f64, by_truth: impl Fn() -> f64) -> Innovation {
         let variance = if self.bound { by_truth() } else { s };
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance }

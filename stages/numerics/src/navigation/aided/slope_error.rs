@@ -4,8 +4,8 @@ use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
 use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
-/// Fractions of the map's slope that are tried first, and the factor from the best fraction to the fractions that are
-/// tried next.
+/// Fractions of the map's slope that are tried first, and the factor between the best of them and the fractions that
+/// are tried next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
 /// Smallest ratio of the numbers of used samples of two compared runs. A run with fewer used samples has diverged and
@@ -19,8 +19,9 @@ struct SlopeErrorLikelihood {
     mean: f64,
 }
 
-/// Maximum-likelihood standard deviation of the error of the map's slope along the baseline, in nT/m, from the
-/// innovations of the difference along a line. 0 without a difference, or if no run determines it.
+/// Maximum-likelihood estimate of the standard deviation of the map's slope error along the baseline, in nT/m. The
+/// likelihood is that of the innovations of the difference on a line. Returns 0 without a difference, or if no run
+/// determines the estimate.
 ///
 /// Each value is tried with and without the scalar field, because the field may contain disturbances that cancel in the
 /// difference, or the aircraft field. Costs up to 16 runs of an extended Kalman filter.

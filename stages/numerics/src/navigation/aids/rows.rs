@@ -371,7 +371,8 @@ pub(crate) struct BaselineArm {
 }
 
 impl BaselineArm {
-    /// Derivative of the difference by the tilt, in nT/rad, by the mean slope of the fields at both ends.
+    /// Derivative of the difference with respect to the tilt, in nT/rad, from the mean slope of the fields at both
+    /// ends.
     ///
     /// The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
     pub(crate) fn by_tilt(&self, d_lat_nt_per_rad: f64, d_lon_nt_per_rad: f64, d_alt_nt_per_m: f64) -> [f64; 3] {
@@ -400,8 +401,8 @@ impl DifferenceAid<'_> {
         BaselineArm { along, offset: [half.x / north, half.y / east, -half.z], m_per_rad: (north, east) }
     }
 
-    /// Difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt, in
-    /// nT/rad; `None` if either end is off the map.
+    /// Difference between the fields at both ends for an error of the INS, its slope, and its derivative with respect
+    /// to the tilt, in nT/rad; `None` if either end is off the map.
     pub(crate) fn field(
         &self,
         field: &mut PredictedField<'_>,
@@ -473,7 +474,7 @@ impl VectorAid<'_> {
         let ned = here + direction * (anomaly.value_nt + x[S]);
         let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
         let to_body = rotation(ins, row).transpose();
-        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ. The derivative by ψ is −Cᵀ [B×].
+        // Derivatives of Cᵀ (I + [ψ×]) B with respect to B and ψ. The derivative with respect to ψ is −Cᵀ [B×].
         let turn = to_body * (Matrix3::identity() + skew(&tilt));
         let by_tilt = -to_body * skew(&ned);
         let mut rows = [[0.0; STATES]; 3];

@@ -7,7 +7,7 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 
-/// Ratio of the slope of a field to the slope's error, in metres, for a line too flat to determine it.
+/// Inverse wavenumber of the anomalies, in metres, for a line too flat to determine it.
 const FLAT_LENGTH_M: f64 = 1000.0;
 
 /// Standard deviations of the errors of a map's slope. The default is an exact map.
@@ -15,7 +15,8 @@ const FLAT_LENGTH_M: f64 = 1000.0;
 pub struct SlopeError<'a> {
     /// Standard deviation of the error along any horizontal direction, in nT/m.
     pub horizontal_nt_per_m: f64,
-    /// Standard deviation of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
+    /// Standard deviation of the upward slope's error at each sample, in nT/m; empty for a map that contains the upward
+    /// slope.
     pub upward_nt_per_m: &'a [f64],
     /// Correlation length of both errors along the track, in metres.
     pub length_m: f64,
@@ -57,11 +58,11 @@ pub struct MapSlope {
     pub rms_nt_per_m: f64,
     /// Inverse wavenumber of the map's anomalies, in metres: standard deviation over root mean square of the slope.
     pub length_m: f64,
-    /// Standard deviation of the upward slope at each sample, in nT/m; empty if the map has the upward slope.
+    /// Standard deviation of the upward slope at each sample, in nT/m; empty if the map contains the upward slope.
     ///
-    /// The field of buried sources has as much power in its upward slope as in both horizontal slopes. The horizontal
-    /// slope at a sample estimates the local strength of the anomalies. The slope of the whole line is an estimate that
-    /// does not vanish at the top of an anomaly.
+    /// The field of buried sources has as much power in its upward slope as in both horizontal slopes. The estimate
+    /// combines the horizontal slope at the sample, which follows the local strength of the anomalies, with that of the
+    /// whole line, which does not vanish at the top of an anomaly.
     pub upward_nt_per_m: Vec<f64>,
 }
 

@@ -27,7 +27,8 @@ pub(crate) struct AidStates {
     /// Index of the height bias (in m), the state for the bias between the height of the INS and the height on the map.
     /// It is directly after the states of the permanent field.
     pub(crate) map_height: Option<usize>,
-    /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
+    /// Index of the first of the two errors of the map's slope, horizontal and upward. Both states are in units of
+    /// their standard deviations.
     pub(crate) slope: Option<usize>,
     /// Index of the lag of the scalar magnetometer, in seconds.
     pub(crate) latency: Option<usize>,

@@ -319,7 +319,7 @@ impl<'a, S: Simd, C: EkfSamples> EkfPack<'a, S, C> {
             d_alt: from_lanes(simd, |at| slope(at, |field| field.d_alt_nt_per_m)),
         };
         let ph = h.covariances(simd, &self.p);
-        // A lane without a measurement is not corrected; only the variance of the lane must not be zero.
+        // A lane without a measurement is not corrected, but its variance is a divisor and must not be zero.
         let mut noise_nt2 = [1.0; MOST_LANES];
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
             let Some((_, field)) = field else { continue };

@@ -10,9 +10,9 @@ pub struct EkfParameters {
     pub errors: InsErrorModel,
     /// Standard deviation of the measurement noise, in nT: sensor, map and compensation residual.
     pub measurement_sigma_nt: f64,
-    /// Length, in seconds, of the window from the start of the line whose mean of measurement minus prediction (map and
-    /// core field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps
-    /// do not determine a constant, which may far exceed the range of S.
+    /// Length, in seconds, of a window at the start of the line. The mean of measurement minus prediction (map and core
+    /// field at the INS position) over this window is subtracted from every measurement; 0 subtracts nothing.
+    /// Compensation and maps do not determine a constant, which may far exceed the range of S.
     pub offset_window_s: f64,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
     /// measurement. 10.83 rejects one valid measurement in a thousand.
@@ -43,8 +43,8 @@ impl EkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a measurement noise or a gate that is not a finite number above 0 or a window that is not a finite
-    /// number of at least 0. Also returns the errors of [`InsErrorModel::check`].
+    /// Fails for a measurement noise or a gate that is not a finite number above 0, or for a window that is not a
+    /// finite number of at least 0. Also returns the errors of [`InsErrorModel::check`].
     pub fn check(&self) -> Result<(), ParameterError> {
         let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
         require("measurement_sigma_nt", sigma, Rule::Positive)?;

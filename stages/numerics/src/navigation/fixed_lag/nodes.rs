@@ -78,7 +78,7 @@ pub(super) struct NodeMeasurement {
     regressors: Vec<f64>,
 }
 
-/// Average predicted field about a state, and its derivative by the 18 states of the node.
+/// Average predicted field about a state, and its derivative with respect to the 18 states of the node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalField {
     /// Field minus its derivative times the state: the prediction at x = 0.
@@ -147,7 +147,7 @@ impl FixedLagNode {
 }
 
 impl NodeMeasurement {
-    /// Whether the map is too flat about a state to observe the position.
+    /// Whether the map is too flat to observe the position. `local` is the field about a state.
     pub fn is_flat(&self, aids: &Aids<'_>, local: &LocalField, line: &NavigationLine<'_>, row: usize) -> bool {
         let [d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] = [LAT, LON, ALT].map(|state| local.derivative[state]);
         let at = FieldValue { value_nt: 0.0, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m };

@@ -12,7 +12,8 @@ params! {
     /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
     /// default 15 s. This interval has more influence than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
+    /// Maximum delay: the estimate of a sample uses no measurement later than this after the sample. 0 navigates in
+    /// real time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
@@ -22,7 +23,7 @@ params! {
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15_usize;
-    /// Decrease of the cost (half a chi-square) in one iteration below which a window is solved.
+    /// A window is solved if one iteration decreases the cost (half a chi-square) by less than this.
     tolerance: f64, unit "1", default 0.01, rule Rule::Positive;
 }
 

@@ -68,7 +68,7 @@ pub(super) struct SmoothingWindow<'a> {
     layout: &'a StateLayout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
-    /// Largest change of a position in one step, in metres, below which the window is also considered solved.
+    /// The window is also solved if one step changes every position by less than this, in metres.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// Nodes; the first is the window's start.
@@ -272,7 +272,8 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Squared distance, and cost of the residuals in `counted`, which replace residuals where the field is unknown.
+    /// Cost of a path: half its squared distance, plus the loss of all measurements with a field in `counted`. Where
+    /// `about` has no field, the residual of `counted` is used.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);

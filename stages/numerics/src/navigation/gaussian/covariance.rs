@@ -13,9 +13,10 @@ const LANES: usize = 8;
 /// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
 /// ```
 ///
-/// An error of K enters with its square. Both products commute, so an entry and its mirror image are the same sum. A
-/// scaling of the states does not affect recursions on covariances (for powers of two, results are bit-identical).
-/// Using rad and nT together thus loses no digits. The ratio of H P Hᵀ to R loses digits and is limited by [`WIDEST`].
+/// An error of K affects the result only to second order. Both products commute, so an entry and its mirror image are
+/// the same sum. A scaling of the states does not affect recursions on covariances (for powers of two, results are
+/// bit-identical). Using rad and nT together thus loses no digits. A large ratio of H P Hᵀ to R does lose digits, so it
+/// is limited by [`WIDEST`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Covariance {
     states: usize,

@@ -92,7 +92,7 @@ impl ScalarProblem {
         optimum
     }
 
-    /// Optimum at an iterate, before a step from this iterate.
+    /// Iterate as an optimum, with the map linearised there and no step taken.
     #[inline(always)]
     fn linearised(&self, at: &Iterate) -> Optimum {
         Optimum {
@@ -199,8 +199,8 @@ pub(crate) struct SigmaPoints {
     pub(crate) beyond: f64,
 }
 
-/// Variance of a direction given the previous directions, as a share of its variance, below which the direction is
-/// exact, because the share is only rounding.
+/// Limit of a direction's variance given the previous directions, as a share of its variance. Below it, the direction
+/// counts as exactly known, because the share is only rounding error.
 const ROUNDING: f64 = 1e-13;
 
 impl SigmaPoints {

@@ -104,8 +104,9 @@ mod tests {
         assert!((said[0][0] - 45.0002).abs() < 1e-9 && (said[1][0] + 179.9998).abs() < 1e-9, "{said:?}");
         assert!((said[0][1] - 89.9999).abs() < 1e-9 && (said[1][1] + 169.9997).abs() < 1e-9, "{said:?}");
         assert_eq!([said[2][0], said[3][0], said[4][0], said[5][0]], [295.0, 59.0, 2.0, -3.0]);
-        // The tilt from the INS to the truth rotates from the truth to the INS, as does the specific force. The reading
-        // of the forward accelerometer is reduced by the bias of this accelerometer.
+        // The tilt ψ is truth minus INS, C = exp(−ψ×) C_INS. The attitude and the specific force of the INS are
+        // therefore the true ones rotated by exp(ψ×). The reading of the forward accelerometer is reduced by the bias
+        // of this accelerometer.
         assert!((said[11][0].to_radians() - 1e-3).abs() < 1e-9, "{}", said[11][0]);
         let (sin, cos) = 1e-3_f64.sin_cos();
         let expected = [(0.5 - 0.25) * cos - 0.1 * sin, (0.5 - 0.25) * sin + 0.1 * cos, -9.8];

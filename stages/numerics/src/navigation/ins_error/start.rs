@@ -64,9 +64,9 @@ impl StartFix {
     /// Covariance of the states of an INS corrected by the fix.
     ///
     /// `aligned` is the covariance before the fix, from the alignment of the INS. Without it, tilts, biases and the
-    /// barometer loop have the initial standard deviations of `errors`. So does the velocity, if the fix has no
-    /// velocity. The correlations of the replaced states with the others are dropped: they depend on the manoeuvres
-    /// since the alignment, which are unknown.
+    /// barometer loop have the initial standard deviations of `errors`. If the fix has no velocity, the velocity also
+    /// has its initial standard deviation. The correlations of the replaced states with the others are dropped: they
+    /// depend on the manoeuvres since the alignment, which are unknown.
     pub fn covariance(&self, errors: &InsErrorModel, aligned: Option<&StateMatrix>) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
