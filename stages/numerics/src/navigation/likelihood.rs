@@ -58,7 +58,7 @@ pub struct NoiseSearch<'a> {
     pub line: &'a NavigationLine<'a>,
     /// Rows whose measurements are used, ascending.
     pub rows: &'a [usize],
-    /// Factor from the white noise to the noise of each sample, for example for the mean of several sensors.
+    /// Factor on the white noise at each sample, for example below 1 for the mean of several sensors.
     pub scale: &'a [f64],
     /// Additional known standard deviation of each sample, in nT.
     pub known_nt: Option<&'a [f64]>,
@@ -80,7 +80,7 @@ pub struct NoiseSearch<'a> {
     pub given: NoiseParameters,
 }
 
-/// Given parameters of a [`NoiseSearch`]; `None` is searched.
+/// Given parameters of a [`NoiseSearch`]; a parameter that is `None` is searched.
 pub type NoiseParameters = [Option<f64>; PARAMETERS];
 
 /// Number of parameters.
@@ -247,7 +247,7 @@ impl InnovationLikelihood {
 }
 
 impl<'a> NoiseLikelihood<'a> {
-    /// Likelihood with the states and the map error of a noise.
+    /// Likelihood with the states and the map error of an estimated noise.
     fn with_noise(search: &'a NoiseSearch<'a>, thinned: &'a ThinnedLine, terms: &'a [f64], noise: &LineNoise) -> Self {
         let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
         Self { search, thinned, terms, map_factor: noise.own_map_factor(), latency_sigma_s, map_height_sigma_m }
@@ -421,8 +421,8 @@ impl NoiseLikelihood<'_> {
     }
 }
 
-/// -2 ln p of an innovation without its constant, with the NIS limited to `most_nis`. `None` if the innovation is
-/// exactly 0 and its variance is therefore undetermined.
+/// -2 ln p of an innovation, without the constant of p and with the NIS limited to `most_nis`. `None` if the innovation
+/// is exactly 0, because its variance is then undetermined.
 pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
     let variance = residual * residual / nis;
     (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))

@@ -30,7 +30,8 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in seconds, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
+    /// Length, in seconds, of the window over which the mean of measurement minus prediction is computed. The mean is
+    /// subtracted from every measurement; 0 subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,

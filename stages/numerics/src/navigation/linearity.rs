@@ -10,9 +10,9 @@
 //! The filter does not include ε in its covariance. The filter is valid where ε is below the standard deviation σ of
 //! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is
 //! below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates correct
-//! the position. The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the
-//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be unusually flat or
-//! steep at a single position.
+//! the position. The range is the standard deviation of the position at which ε equals the larger of σ and λ/3, for an
+//! error ellipse with the shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may
+//! be unusually flat or steep at a single position.
 //!
 //! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
 //! 25.4.45]. It is exact for a field of second and third degree.
@@ -191,7 +191,7 @@ struct FieldChanges {
     error_nt: f64,
 }
 
-/// Median; the upper one of an even number of values. `None` without a value.
+/// Median; the upper of the two middle values for an even number of values. `None` without a value.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

@@ -190,7 +190,7 @@ impl Mechanisation {
         self.loop_mps2
     }
 
-    /// Advances by one reading. `baro_alt_m` is the mean over the step of the barometric height. The barometer aids the
+    /// Advances by one reading. `baro_alt_m` is the barometric height, averaged over the step. The barometer aids the
     /// vertical channel through a third-order loop with the gains K1, K2, K3 of the error model. Without a barometer
     /// the vertical channel is free and unstable. [Titterton & Weston 13.4]
     ///

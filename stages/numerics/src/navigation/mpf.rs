@@ -63,9 +63,9 @@
 //!
 //! where v is the map value at each particle's own position, at both ends of the baseline for a difference. The row u
 //! of biases, S and tilt is common: the effect of the tilt is linearised at the mean of the cloud. These measurements
-//! are processed after the field, each after a resampling if too few particles are effective. On a flat map the
-//! particles differ by its values, not by its slope. [`Aids::flat_over_m`] is therefore ignored; the map error is a
-//! state.
+//! are processed after the field, each after a resampling if too few particles are effective. A measurement weights the
+//! particles by the values of the map, not by its slope, on a flat map as well. [`Aids::flat_over_m`] is therefore
+//! ignored; the map error is a state.
 //!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order, so results are
 //! bit-identical for any number of threads.
@@ -74,9 +74,9 @@
 //!
 //! For an INS position error of hundreds of metres, 1000 particles are sufficient. For an error of kilometres, some
 //! particles of the first cloud must lie within one anomaly width of the true position, even if that position is at the
-//! edge of the cloud. With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that
-//! the cloud occupies, at the start and at each resampling: the Kullback-Leibler distance of the particles from the
-//! density is then below 0.05 with probability 0.99 [Fox 2003],
+//! edge of the cloud. With [`MpfParameters::adapt`] the number is set at the start and at each resampling, from the
+//! number k of squares of side `smooth_over_m` that the cloud occupies. The Kullback-Leibler distance of the particles
+//! from the density is then below 0.05 with probability 0.99 [Fox 2003],
 //!
 //! ```text
 //! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³
@@ -87,8 +87,8 @@
 //!
 //! # Hand-over
 //!
-//! [`run_then_ekf`] replaces the particles by a Gaussian, and continues with an extended Kalman filter, when one mode
-//! holds 99 % of the weight and the field is linear over the mode, for 10 s:
+//! [`run_then_ekf`] replaces the particles by a Gaussian and continues with an extended Kalman filter. It does so when,
+//! for 10 s without interruption, one mode has held 99 % of the weight and the field has been linear over the mode:
 //!
 //! ```text
 //! Σ w over the mode ≥ 0.99 Σ w,     E [h(x̄ + e) − h(x̄) − H e]² ≤ σ²,     e ~ N(0, covariance of the mode)
@@ -121,8 +121,7 @@ pub use hand_over::{HandOver, HandOverOutput, LocatedAircraft, locate, run_then_
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
-/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion exceeds this
-/// limit.
+/// A measurement is not used if its NIS exceeds this limit for every particle; one valid measurement in a billion does.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
 /// States with the biases of difference and height, and the map error, without the states of a vector.

@@ -14,7 +14,7 @@
 //! least squares [Holland & Welsch 1977]). In the first pass, r is the innovation over its standard deviation. If J of
 //! the first trajectory exceeds 1 per measurement, three alternatives are computed: without weights, with one
 //! linearisation, and with ten times the noise. The iteration continues from the trajectory with the lowest J. If a
-//! step from x̄ to the solution x̂ would raise J, it is halved until it does not.
+//! step from x̄ to the solution x̂ would raise J, it is halved until J does not rise.
 //!
 //! # The backward pass
 //!
@@ -159,8 +159,8 @@ pub struct RtsReport {
 ///
 /// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
 /// trajectory. The residual is measurement minus the field predicted from the past alone. The variance uses the σ of
-/// the measurement, not of the reweighting. The expected value of `nis` therefore remains 1, and outliers stay visible.
-/// The covariances belong to the last linearisation.
+/// the measurement, without the weight of a robust loss. The expected value of `nis` therefore remains 1, and outliers
+/// stay visible. The covariances belong to the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub struct RtsOutput {
     /// Track.

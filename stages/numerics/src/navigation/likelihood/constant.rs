@@ -27,8 +27,9 @@ const LEAST_GAIN: f64 = 6.0;
 /// contains its effect.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
-/// Increase of the logarithm of the likelihood by a state for the height bias, at the noise `noise`, which has no such
-/// state, or at a smaller noise. This is a test without a search: a positive value means that a search may find a bias.
+/// Increase of the logarithm of the likelihood by a state for the height bias, compared with `noise`, which has no such
+/// state. The likelihood with the state is the best over `noise` and some smaller noises. This is a test without a
+/// search: a positive value means that a search may find a bias.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
@@ -64,13 +65,13 @@ impl NoiseLikelihood<'_> {
             return (best, self);
         }
         let biased = Self { map_height_sigma_m: Some(MAP_HEIGHT.prior_sigma), ..self };
-        // A bias that leaves the levels of the map loses measurements, and with them the terms of their likelihood.
+        // A bias beyond the levels of the map loses measurements, and their terms are then missing from the likelihood.
         let least_used = least_used.max(self.scores(&[best.0])[0].used);
         self.with_constant(biased, &MAP_HEIGHT, best, least_used)
     }
 
-    /// The likelihood `other`, with one more state, and its best point, if that gains more than [`LEAST_GAIN`] and the
-    /// estimate is not too large. Otherwise returns `best` and this likelihood.
+    /// The likelihood `other`, which has one more state, with its best point, if it gains more than [`LEAST_GAIN`] and
+    /// the estimate is not too large. Otherwise returns `best` and this likelihood.
     fn with_constant(
         self,
         other: Self,

@@ -9,14 +9,16 @@ use crate::regression::consistency::whiteness;
 
 /// Factors on the white noise that are tried for the more numerous measurements.
 const FACTORS: [f64; 7] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8];
-/// Smallest ratio of the information n/σ² of more measurements to that of fewer for which more are used.
+/// More measurements are used if the ratio of their information n/σ² to that of the fewer measurements is at least
+/// this.
 const LEAST_GAIN: f64 = 1.5;
-/// Number of lags of the test of whiteness, and its limit. The expected value is 0.95.
+/// Number of lags of the whiteness test, and the smallest share of lags within the bounds, whose expected value is
+/// 0.95.
 const WHITE: (usize, f64) = (20, 0.8);
 
-/// Noise of a line with the measurements of `search`. They are more numerous than the `rows` measurements of `noise`.
-/// `None` if their errors are correlated or they do not add information. The process and the permanent field are those
-/// of `noise`.
+/// Noise of a line with the measurements of `search`, which are more numerous than the `rows` measurements of `noise`.
+/// `None` if the errors of these measurements are correlated, or if they do not add information. The process and the
+/// permanent field are those of `noise`.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).

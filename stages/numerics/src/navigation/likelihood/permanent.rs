@@ -15,7 +15,7 @@ const LEAST_GAIN: f64 = 4.0;
 pub(super) const USUAL_TAU_S: f64 = 2e4;
 /// Standard deviations, in nT, of the first, coarse test, and its time constant, in seconds.
 const FIRST: ([f64; 2], f64) = ([10.0, 50.0], USUAL_TAU_S);
-/// Increase of the logarithm of the likelihood by the first test below which the search ends.
+/// The search ends if the first test increases the logarithm of the likelihood by less than this.
 const HOPELESS: f64 = -3.0;
 /// Grid of the standard deviation, in nT, and the time constant, in seconds.
 const GRID: ([f64; 3], [f64; 3]) = ([5.0, 20.0, 80.0], [2e3, USUAL_TAU_S, 1e6]);

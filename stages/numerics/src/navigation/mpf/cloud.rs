@@ -17,7 +17,7 @@ pub(super) type ParticleLanes = [f64; BLOCK];
 pub(super) type ParticleBlock<const N: usize> = [ParticleLanes; N];
 /// Number of particles whose sums are kept in registers.
 const WIDE: usize = 16;
-/// Number of separate sums, so that they are independent in the pipeline.
+/// Number of separate sums, which are independent of each other in the processor's pipeline.
 const SUMS: usize = 8;
 /// Number of particles below which one thread is faster than several.
 const LEAST_TO_SPREAD: usize = 8192;

@@ -20,7 +20,7 @@ const DISTANCE: f64 = 0.05;
 /// z for δ = 0.01.
 const NORMAL: f64 = 2.326_347_874_040_841;
 
-/// Limits of the number, and size of a cell.
+/// Limits of the number of particles, and size of a cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ParticleCount {
     least: usize,

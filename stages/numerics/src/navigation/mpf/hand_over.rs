@@ -55,7 +55,7 @@ pub(super) struct HandOverTest<'a> {
     linearity: LinearityTest<'a>,
     sigma_nt: f64,
     due_s: f64,
-    /// Time since which the conditions hold.
+    /// Time since which the conditions have held.
     since_s: Option<f64>,
 }
 
@@ -134,7 +134,8 @@ fn gaussian<const N: usize>(filter: &MarginalisedParticleFilter<'_, N>, mode: us
 /// Output of the particles and of the Kalman filter after them.
 #[derive(Clone, Debug, Default)]
 pub struct HandOverOutput {
-    /// Outputs of both in one. After the hand-over, the effective number of particles is NaN and their number is 0.
+    /// Output of the particles, continued by that of the Kalman filter. After the hand-over, the effective number of
+    /// particles is NaN and their number is 0.
     pub all: MpfOutput,
     /// Last row of the particles; `None` if the conditions never hold.
     pub handed_over: Option<usize>,

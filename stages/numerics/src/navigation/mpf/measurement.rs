@@ -54,7 +54,7 @@ pub(super) struct CloudResidual {
     pub(super) on_map: f64,
     /// Weighted mean of the residuals on the map, in nT.
     pub(super) residual_nt: f64,
-    /// Variance of the residuals: between the particles, and within each particle.
+    /// Variance of the residual: the variance between the particles plus the mean variance within a particle.
     pub(super) variance_nt2: f64,
     /// Smallest NIS among all particles with weight.
     pub(super) best: f64,

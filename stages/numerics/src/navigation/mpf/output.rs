@@ -36,7 +36,7 @@ pub struct MpfOutput {
 pub struct MpfReport {
     /// Number of resamplings.
     pub resamplings: usize,
-    /// Samples whose measurement of the field no particle explains ([`super::UNEXPLAINED_NIS`]) and is not used.
+    /// Samples whose measurement of the field is not used because no particle explains it ([`super::UNEXPLAINED_NIS`]).
     pub unexplained: usize,
     /// Longest run of these samples; samples without a measurement do not interrupt it.
     pub unexplained_in_a_row: usize,

@@ -12,8 +12,8 @@ pub struct MpfParameters {
     pub adapt: bool,
     /// Seed of all random numbers. Results are bit-identical for any number of threads.
     pub seed: u64,
-    /// Fraction of the number of particles for resampling. The filter resamples when the effective number 1/Σq² falls
-    /// below this threshold; 0 never resamples, 1 always resamples.
+    /// Threshold of resampling, as a fraction of the number of particles. The filter resamples when the effective
+    /// number 1/Σq² falls below the threshold; 0 never resamples, 1 always resamples.
     pub resample_threshold: f64,
     /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without regularisation, copies of
     /// a few particles remain for a navigation-grade INS, whose position error has almost no driving noise.

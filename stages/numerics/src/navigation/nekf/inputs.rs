@@ -4,7 +4,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::Innovation;
 
-/// Names of the inputs that the filter computes, in their order. Of the previous sample, v is the innovation, s its
+/// Names of the inputs that the filter computes, in their order. For the previous sample, v is the innovation, s its
 /// predicted variance, and σ² the assumed variance of the measurement:
 ///
 /// | Input | Value |
@@ -12,11 +12,11 @@ use crate::navigation::output::Innovation;
 /// | `innovation` | asinh(v/σ) |
 /// | `innovation_size` | ln(1 + v²/σ²) |
 /// | `prediction` | ln(1 + (s − R)/σ²), where R is the noise that the filter used |
-/// | `missing` | 1 if the sample before has no innovation, else 0; the three above are then 0 |
-/// | `map_slope` | asinh(horizontal slope of the map in nT/km over σ in nT) at the last position error |
+/// | `missing` | 1 if the previous sample has no innovation (the three inputs above are then 0), else 0 |
+/// | `map_slope` | asinh(horizontal map slope in nT/km over σ in nT), at the INS position plus the last estimated error |
 /// | `speed` | ground speed of the INS, m/s |
-/// | `turn_rate` | size of the change of the INS course, deg/s |
-/// | `specific_force` | size of the specific force of the INS, m/s² |
+/// | `turn_rate` | absolute rate of change of the INS course, deg/s |
+/// | `specific_force` | magnitude of the specific force of the INS, m/s² |
 pub const FILTER_INPUTS: [&str; 8] =
     ["innovation", "innovation_size", "prediction", "missing", "map_slope", "speed", "turn_rate", "specific_force"];
 

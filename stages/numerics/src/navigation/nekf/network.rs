@@ -101,7 +101,7 @@ pub(super) struct CellAdjoint {
 }
 
 impl CellAdjoint {
-    /// No effect of the state after the last sample.
+    /// Zero derivatives, because the state after the last sample has no effect.
     pub(super) fn end(units: usize) -> Self {
         Self { hidden: vec![0.0; units], memory: vec![0.0; units] }
     }
@@ -168,7 +168,7 @@ impl NoiseNetwork {
         CellState { hidden: vec![0.0; self.hidden], memory: vec![0.0; self.hidden] }
     }
 
-    /// Standardised inputs. An input that is not finite has its mean.
+    /// Standardised inputs. An input that is not finite is replaced by its mean.
     fn standardised(&self, inputs: &[f64]) -> Vec<f64> {
         let of = |(x, (mean, inverse)): (&f64, (&f64, &f64))| {
             let scaled = (x - mean) * inverse;
@@ -204,8 +204,9 @@ impl NoiseNetwork {
         self.noise.places().map(|place| place.map_or(0.0, |place| bound * tape.bounded[place]))
     }
 
-    /// Propagates derivatives back through a sample: those of its log scales, and those of the state after it, which
-    /// become those of the state before it. Adds the derivatives of the weights to `gradient`.
+    /// Propagates derivatives back through a sample. `d_logs` are the derivatives with respect to its log scales.
+    /// `adjoint` holds the derivatives with respect to the state after the sample, and is replaced by those for the
+    /// state before it. Adds the derivatives of the weights to `gradient`.
     pub(super) fn back(&self, tape: &CellTape, d_logs: [f64; 2], adjoint: &mut CellAdjoint, gradient: &mut [f64]) {
         let (units, row) = (self.hidden, self.row());
         let (d_gates, d_outputs) = gradient.split_at_mut(GATES * units * row);
