@@ -1,8 +1,8 @@
 //! In-flight estimation of the aircraft field: online Tolles-Lawson.
 //!
 //! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, if
-//! requested, the bias b of the vector magnetometer of their terms. The scalar magnetometers are uncompensated. [Gnadt
-//! 2022, section 5.5, (5.38)-(5.41); Canciani 2022]
+//! requested, the bias b of the vector magnetometer that supplies their terms. The scalar magnetometers are
+//! uncompensated. [Gnadt 2022, section 5.5, (5.38)-(5.41); Canciani 2022]
 //!
 //! ```text
 //! zₘ = map(INS + x) + core(INS + x) + S + Aₘ(b) βₘ + white noise
@@ -110,8 +110,9 @@ pub struct FluxgateEstimate {
 #[derive(Clone, Debug, Default)]
 pub struct OnlineOutput {
     /// Estimated track. `residual_nt` is the residual of the first magnetometer that is used at a sample. `nis` is the
-    /// mean over the magnetometers used or gated; the sum is the joint squared innovation over its covariance. A sample
-    /// counts as an update if any magnetometer is used; the offset is the offset of the first magnetometer.
+    /// mean over the magnetometers that were used or gated; their sum is the joint squared innovation over its
+    /// covariance. A sample counts as an update if any magnetometer is used; the offset is the offset of the first
+    /// magnetometer.
     pub navigation: NavigationOutput,
     /// Estimates of the magnetometers, in the order of the magnetometers.
     pub magnetometers: Vec<AircraftEstimate>,

@@ -13,7 +13,7 @@
 //! | [`expected`] | expected measurement of each particle |
 //! | [`fit`] | hyper-parameters by maximum likelihood |
 //! | [`output`] | output of the filter on a line |
-//! | [`smoother`] | the most probable track of the whole flight, starting from that of the filter |
+//! | [`smoother`] | the most probable track of the whole flight, starting from the filter's track |
 //! | [`chart`] | the map estimated from a flight |
 //!
 //! # Equations
@@ -29,8 +29,8 @@
 //! ```
 //!
 //! Without error sources of the biases, of the barometer and of S, these are the nine states of Lee 2019 (30). Without
-//! error sources of the barometer and of S, they are its fifteen states (67). (The barometer aiding, K1 to K3, remains,
-//! because the height would diverge without it.)
+//! error sources of the barometer and of S, they are the fifteen states of its (67). (The barometer aiding, K1 to K3,
+//! remains, because the height would diverge without it.)
 //!
 //! The map of a particle consists of its path and the measurements, which all particles share. At each step the weight
 //! is the likelihood of the measurement z given the earlier ones,
@@ -62,16 +62,16 @@
 //! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track equals the track of the
 //! INS. Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, the drift
 //! between visits may be some hundreds of metres. After kilometres of drift no particle is near the truth, the standard
-//! deviations are too small, and false revisits shift the track. The innovations do not indicate this. The indicator is
-//! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square
-//! of 2 degrees of freedom), if it is above [`IMPLAUSIBLE`]. For an INS of unlimited error, a small value is no
+//! deviations are too small, and false revisits shift the track. The innovations do not indicate this, but a value of
+//! [`SlamReport::largest_correction`] above [`IMPLAUSIBLE`] does. It is the largest squared correction over the
+//! covariance of the INS alone (chi-square of 2 degrees of freedom). For an INS of unlimited error, a small value is no
 //! evidence of a correct track.
 //!
 //! Particles that survive many resamplings share their early path and its error, which their spread does not represent
 //! [Bailey, Nieto & Nebot 2006]. Two measures prevent a covariance of 0. A resampling draws from a kernel density of
 //! the particles ([`SlamParticles::regularise`]), so they never become copies. The covariance that a resampling removes
-//! is added to the returned one ([`resolution::LostVariance`]). Neither measure helps if the particles follow a false
-//! revisit.
+//! is added to the returned covariance ([`resolution::LostVariance`]). Neither measure helps if the particles follow a
+//! false revisit.
 //!
 //! The field must distinguish places. Along a track, the position error is about the noise (sensor, temporal variation,
 //! residual of the kernel) over the gradient. With 0.25 nT/m the error of a tactical INS is limited to some tens of
@@ -138,11 +138,11 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
 /// filter is 1e-6.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
-/// Smallest total weight of revisiting particles for which all particles are weighted. With less, any unexpected
-/// measurement would shift the weight to a single stray particle.
+/// All particles are weighted if the revisiting particles have at least this total weight. With a smaller total, any
+/// unexpected measurement would shift the weight to a single stray particle.
 const FEWEST_REVISITING: f64 = 0.01;
 
-/// Offset added to the row number of a resampling by aiding positions, above all step numbers.
+/// Offset above all step numbers. Added to the row number, it identifies a resampling by aiding positions.
 const AIDED: u64 = 1 << 40;
 
 /// Particle filter without a map, with its state along a line.

@@ -369,7 +369,7 @@ impl FilterStream {
     }
 
     /// State as bytes: the last sample, the filter's numbers to the last bit, and the counts of the report. The bytes
-    /// contain neither parameters nor map; the constructor gives them again.
+    /// contain neither parameters nor map, which the caller passes to the constructor again.
     pub fn save(&self) -> Vec<u8> {
         let mut writer = StateWriter::new(self.kind.number(), self.fingerprint);
         self.clone().visit(&mut writer);

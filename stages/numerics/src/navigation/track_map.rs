@@ -26,11 +26,11 @@
 //! to the variance of the measurement, where g is the slope of the map [McHutchon & Rasmussen 2011]. The slope comes
 //! from a first solution without this contribution. Position errors persist for minutes. Therefore,
 //!
-//! - the inverse weights are v = σ_n² + gᵀP g n, where n is the number of samples within a length of the kernel, whose
-//!   errors are common;
-//! - the standard deviation of the map at a node is √(V + gᵀP g), where V is the variance of the regression and P that
-//!   of the nearest measurement. An error common to the whole track shifts the map as a whole and is not observable
-//!   from any number of measurements.
+//! - the inverse weights are v = σ_n² + gᵀP g n, because the n samples within a length of the kernel share their
+//!   position error;
+//! - the standard deviation of the map at a node is √(V + gᵀP g), where V is the variance of the regression and P is
+//!   the position covariance of the nearest measurement. An error common to the whole track shifts the map as a whole
+//!   and is not observable from any number of measurements.
 //!
 //! Heights that differ from the mean add the variance
 //! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than the waves of the basis are

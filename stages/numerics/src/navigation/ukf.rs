@@ -3,9 +3,10 @@
 //! The error dynamics are linear, so the step to the next sample is exact, x ← Φ x, P ← Φ P Φᵀ + Q. The measurement z =
 //! g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented transform is
 //! therefore applied to these n = 3 states. With the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the field is
-//! looked up at the seven points y and y ± c L_i. Given y, the other states are linear in it. A full transform of the
-//! 18 states by the Cholesky factor with y first moves y in the same six directions only. This transform gives the same
-//! mean, gain and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003; Morelande & Ristic 2006]
+//! looked up at the seven points y and y ± c L_i. The expected values of the other states, given y, are linear in y. A
+//! full transform of the 18 states by the Cholesky factor with y first moves y in the same six directions only. This
+//! transform gives the same mean, gain and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003;
+//! Morelande & Ristic 2006]
 //!
 //! With the halves of the first differences d_i = (g_i⁺ − g_i⁻)/(2c) and of the second differences e_i = (g_i⁺ +
 //! g_i⁻)/2 − g₀, the weighted sums over the points [Julier & Uhlmann 2004; Wan & van der Merwe 2000] become

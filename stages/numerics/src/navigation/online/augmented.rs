@@ -51,7 +51,7 @@ pub struct LineModel<'a> {
 }
 
 impl<'a> LineModel<'a> {
-    /// Model of a line without its own measurement.
+    /// Model of a line, without the line's own measurement.
     pub fn from_line(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *line;
         Self { ins, map, core, errors, offset_window_s, fixes, second_order, aids: Aids::default() }
@@ -104,7 +104,7 @@ pub struct MagnetometerTrack {
     /// Measurement minus prediction at the state before the sample, in nT; NaN if the measurement or the prediction is
     /// missing.
     pub residual_nt: Vec<f64>,
-    /// NIS given the residuals of the previous magnetometers; NaN where the residual is.
+    /// NIS given the residuals of the previous magnetometers; NaN where the residual is NaN.
     pub nis: Vec<f64>,
     /// Aircraft field from the state after the sample, in nT; NaN if the model has no finite input.
     pub aircraft_nt: Vec<f64>,

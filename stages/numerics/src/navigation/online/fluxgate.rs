@@ -22,7 +22,7 @@ use super::augmented::refused;
 pub struct Fluxgate<'a> {
     /// Components of the vector in the body frame, in nT, without a scalar (`bt`).
     pub field: BodyFieldColumns<'a>,
-    /// Terms, identical to the first columns of every magnetometer's terms.
+    /// Selection of the terms. The first columns of every magnetometer's terms must be identical to these terms.
     pub terms: &'a TermSelection,
     /// Scale of induced and eddy terms, in nT.
     pub scale_nt: f64,

@@ -42,7 +42,8 @@ pub struct TrainingParameters {
     /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
     /// covariance, so the covariance equals the covariance of a single pass.
     pub passes: usize,
-    /// Time, in seconds, in which the weights are expected to change by their standard deviation after the calibration.
+    /// Time, in seconds, in which each weight is expected to change by the standard deviation that it has after the
+    /// calibration.
     pub memory_s: f64,
 }
 

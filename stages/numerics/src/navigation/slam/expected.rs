@@ -15,11 +15,11 @@ const MOST_IN_CELL: usize = 4;
 const MOST_CANDIDATES: usize = 512;
 /// Number of particles from which the spread for the selection of candidates is estimated.
 const SCOUTS: usize = 64;
-/// Distance flown, in radii, after which a sample counts as an earlier sample. The value includes particles
+/// Distance flown, in radii, after which a sample counts as an earlier sample. The value also suffices for particles
 /// that fly at half the speed.
 const RADII_FLOWN: f64 = 2.5;
-/// Distance from the mean, in standard deviations, up to which all samples within the radius of a particle are among
-/// the candidates.
+/// Number of standard deviations of the particles' positions from their mean. All samples within the radius of any
+/// particle up to this distance are candidates.
 const SPREADS: f64 = 3.0;
 
 /// Rules of the expected measurement, with all defaults resolved.
@@ -82,7 +82,7 @@ impl PredictionRules {
             trigger_m,
             trigger_points,
             radius_m: radius_m.max(trigger_m),
-            // A revisit has two samples per pass, or about a hundred cells within the radius.
+            // A cell has two samples per pass, or is so large that about a hundred cells are within the radius.
             cell_m: (2.0 * spacing_m).max(radius_m / 6.0),
             height_m: parameters.max_height_difference_m,
             interpolant_sigma_nt: parameters.interpolant_sigma_nt,

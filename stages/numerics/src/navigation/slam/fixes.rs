@@ -81,7 +81,7 @@ impl SlamParticles {
         self.weigh(&logs);
     }
 
-    /// Sets the mean and covariance of every particle, whose positions are then not drawn.
+    /// Sets the mean and covariance of every particle, without drawing the positions.
     pub(super) fn join(&mut self, mean: &StateVector, covariance: &StateMatrix) {
         self.x.fill(*mean);
         self.linear = *covariance;

@@ -63,7 +63,7 @@ pub struct SlamParameters {
     /// `trigger_points` earlier samples are within it. `None` is the larger of 18 m and 1.6 times the mean distance
     /// between samples.
     pub trigger_radius_m: Option<f64>,
-    /// Number of samples; see `trigger_radius_m`.
+    /// Number of earlier samples that a revisit exceeds; see `trigger_radius_m`.
     pub trigger_points: usize,
     /// Radius of the earlier samples in a prediction, in metres; `None` is half a length of the kernel, but at most 0.4
     /// of the distance flown in `ignore_s`.

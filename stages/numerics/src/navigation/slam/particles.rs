@@ -1,4 +1,4 @@
-//! Particles of the horizontal position errors, with linear other states of the error model given these.
+//! Particles of the horizontal position errors. Given these, the other states of the error model are linear.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::propagate_state;

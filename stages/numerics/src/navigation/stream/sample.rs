@@ -239,7 +239,8 @@ impl SampleInput<'_> {
 
 /// Recursion of one filter.
 pub(crate) trait StreamedFilter {
-    /// Filters a row of the last two samples after [`StreamedFilter::clear`]; row 0 is the first sample.
+    /// Filters sample `row` of `ins`, which holds at most the last two samples. Row 0 is the first sample of the
+    /// stream, row 1 any later sample. [`StreamedFilter::clear`] was called before.
     fn sample(&mut self, ins: &InsSeries<'_>, row: usize, input: &SampleInput<'_>) -> Result<(), NavigationError>;
 
     /// Removes the output of the last sample and keeps its memory.

@@ -423,7 +423,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             );
             return Err(refused("prior", what).into());
         }
-        // Change of the prediction by the previous magnetometers, according to the linearisation of this one.
+        // Change of this magnetometer's prediction by the updates with the previous magnetometers, to first order.
         let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
         let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
         let s = predicted_nt2 + variance_nt2;
