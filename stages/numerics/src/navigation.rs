@@ -4,9 +4,9 @@
 //! |:--|:--|
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
-//! | [`linearity`] | the position uncertainty over which a Kalman filter may linearise the field |
+//! | [`linearity`] | the largest position uncertainty for which a Kalman filter may linearise the field |
 //! | [`line`](mod@line) | a line with its map, the input of the filters, and its steps |
-//! | [`map_noise`] | the error of each node of a map, as noise along a line |
+//! | [`map_noise`] | errors of a map's nodes, as measurement noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`loss`] | loss functions that limit the influence of outliers |
 //! | [`output`] | output of a filter on a line |

@@ -8,11 +8,11 @@
 //! R̂ = C − H P Hᵀ,     C = (1/N) Σ v_j²,     bounded by sigma_min² and sigma_max²
 //! ```
 //!
-//! [`AdaptiveForm::Matched`] subtracts H P Hᵀ of every innovation from its own square, R̂ = (1/N) Σ (v_j² − H_j P_j
-//! H_jᵀ), because each innovation was predicted with the covariance of its time. While there are n < N innovations, the
-//! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] follows MagNav.jl: until there are N
-//! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the published equation with the
-//! covariance of the current sample.
+//! [`AdaptiveForm::Matched`] subtracts from the square of every innovation the H P Hᵀ at the time of this innovation,
+//! R̂ = (1/N) Σ (v_j² − H_j P_j H_jᵀ), because each innovation was predicted with the covariance at its time. While
+//! there are n < N innovations, the assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] follows
+//! MagNav.jl: until there are N innovations, R̂ is the mean of the two bounds (as variances). After that, it is the
+//! published equation with the covariance of the current sample.
 //!
 //! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Where it is not small, both forms
 //! give a larger mean. With a short window R̂ is occasionally near 0, and the filter then follows its measurements.
@@ -68,9 +68,9 @@
 //!
 //! A measurement that is not finite, or whose sigma is not above 0, is skipped and does not change the window of its
 //! magnetometer. A sample without any measurement is missing. If the estimated position is off the map, all
-//! magnetometers are skipped. A gated measurement is not used, but enters the window as the largest accepted
-//! innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little. Everything
-//! else is the same as in [`ekf`](crate::navigation::ekf).
+//! magnetometers are skipped. A gated measurement is not used, but enters the window with the size of the largest
+//! accepted innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little.
+//! Everything else is the same as in [`ekf`](crate::navigation::ekf).
 
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::recursion::{self, FilterRecursion};
@@ -131,7 +131,7 @@ pub struct AdaptiveParameters {
     pub form: AdaptiveForm,
     /// Number N of past innovations in the estimate, at least 2.
     pub window: usize,
-    /// Estimates a factor of the assumed variance instead of the variance, for an assumed noise that changes from
+    /// Estimates a factor on the assumed variance instead of the variance. Use this if the assumed noise changes from
     /// sample to sample.
     pub relative: bool,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.

@@ -54,8 +54,8 @@ pub struct AidedParameters {
     pub linearisation: Linearisation,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Number of consecutive rejections of the scalar field after which its next measurement is used. `None` rejects
-    /// any number.
+    /// After this number of consecutive rejections of the scalar field, its next measurement is used. `None` sets no
+    /// limit.
     pub recover_after: Option<usize>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,

@@ -23,9 +23,9 @@
 //! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
 //! differ in their linearisation points and in their use of a row.
 //!
-//! **The difference** is free of S and of all other common errors, so it navigates through a magnetic storm. The
-//! difference measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at
-//! both ends. The map therefore requires a continuous slope
+//! **The difference** is free of S and of all other common errors, so it supports navigation during a magnetic storm.
+//! The difference measures the map's slope along the baseline, and its row of H is the difference of the map's slopes
+//! at both ends. The map therefore requires a continuous slope
 //! ([`MapInterpolation::Cubic`](crate::maps::MapInterpolation::Cubic)); the slope of a bilinear map changes only at the
 //! edges of its cells. Over a short baseline r the position error for one sample is σ_d/(r |∂²f|). The tilt turns the
 //! baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends. With a baseline of 15 m and a slope of 0.1
@@ -114,9 +114,9 @@ pub struct HeightAid<'a> {
     pub bias: GaussMarkov,
 }
 
-/// Change of the aircraft's permanent field since its calibration: three states along nose, right and down. The change
-/// affects the scalar measurement by its component along the field. A constant offset of the measurement is a fourth
-/// state, so that S follows only the variation in time.
+/// Change of the aircraft's permanent field since its calibration: three states along nose, right and down. Only the
+/// component of the change along the field affects the scalar measurement. A constant offset of the measurement is a
+/// fourth state, so that S follows only the variation in time.
 #[derive(Clone, Copy, Debug)]
 pub struct PermanentChange<'a> {
     /// Unit vector of the core field along nose, right and down at each sample; see [`field_direction`].

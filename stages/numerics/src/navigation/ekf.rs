@@ -133,8 +133,8 @@ impl EkfInput<'_> {
     }
 }
 
-/// Number of steps that are computed before the filters use them, pack by pack. The covariances of a pack then stay in
-/// the first-level cache, and the steps in the second-level cache.
+/// Number of steps that are computed at once. The filters then use these steps, one pack of filters after the other.
+/// The covariances of a pack then stay in the first-level cache, and the steps in the second-level cache.
 const BLOCK: usize = 32;
 
 /// Largest number of filters that run one by one. With few filters, vectorisation along the rows of a matrix is faster

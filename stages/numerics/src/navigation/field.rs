@@ -80,8 +80,8 @@ impl<'a> PredictedField<'a> {
         })
     }
 
-    /// Same as [`PredictedField::at`], at an error in latitude and longitude (rad) and height (m) from the INS of a
-    /// row.
+    /// Same as [`PredictedField::at`], at the INS position of a row plus an error in latitude and longitude (rad) and
+    /// height (m).
     pub fn at_error(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<FieldValue> {
         let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
         let lon_deg = ins.lon_deg[row] + error[1].to_degrees();
@@ -130,7 +130,8 @@ impl<'a> PredictedField<'a> {
 /// Variance, in nT², of the nonlinear part of a field within the uncertainty of a position. The result uses
 /// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and
 /// Ravn 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of
-/// longitude, in rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map contributes 0.
+/// longitude, in rad²; `field_at` takes an error of latitude and longitude. A column with a point off the map
+/// contributes 0.
 #[inline]
 pub(crate) fn remainder_nt2(
     [lat, both, lon]: [f64; 3],

@@ -95,7 +95,7 @@ struct FixTestChannel {
     sum: [f64; 2],
     /// Last fix at which the sum was 0 before the fix was added: its sample, and the estimate before the fix.
     calm: Option<(usize, StateEstimate)>,
-    /// Number of consecutive fixes during an alarm that agreed; `None` without an alarm.
+    /// Number of consecutive fixes during an alarm that agreed with the INS; `None` without an alarm.
     alarm: Option<usize>,
     /// Squares of the last whitened innovations.
     squares: Vec<f64>,
@@ -218,7 +218,7 @@ impl<'a> FixMonitor<'a> {
         channel.alarm = Some(0);
         let Some((first, before)) = channel.calm.take() else { return };
         channel.uses[first..=row].fill(false);
-        // The stored state of another channel from before these samples is no longer valid.
+        // A state of another channel that was stored within these samples is no longer valid.
         for other in self.channels.iter_mut().filter(|other| other.calm.is_some_and(|(at, _)| at > first)) {
             other.calm = None;
         }
@@ -229,7 +229,7 @@ impl<'a> FixMonitor<'a> {
             }
             let fixes = self.fixes.at(self.ins, at, self.errors.earth);
             for channel in 0..self.channels.len() {
-                // At the first sample the estimate already contains the channels before this one.
+                // At the first sample, the stored estimate already includes the fixes of the preceding channels.
                 let done = at == first && channel < of;
                 let later = at == row && channel > of;
                 let FixTestChannel { coordinates, uses, .. } = &self.channels[channel];

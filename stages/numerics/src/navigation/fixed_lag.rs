@@ -2,8 +2,8 @@
 //!
 //! The states x are the 18 states of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for
 //! each magnetometer m. The first group contains the coefficients β_m of any linear model of the aircraft field
-//! (Tolles-Lawson terms, heading-error harmonics, a bias), constant or in a random walk. The second is a first-order
-//! Gauss-Markov error e_m, because the residual of a linear model is correlated in time. A measurement is
+//! (Tolles-Lawson terms, heading-error harmonics, a bias), which are constant or follow a random walk. The second is a
+//! first-order Gauss-Markov error e_m, because the residual of a linear model is correlated in time. A measurement is
 //!
 //! ```text
 //! z_m = map(INS + x) + core(INS + x) + S + A_m β_m + e_m + white noise
@@ -29,7 +29,7 @@
 //! innovations for any lag.
 //!
 //! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of
-//! least squares for any loss.
+//! least squares even with a robust loss.
 //!
 //! # Measurements used for the estimate of a sample
 //!
@@ -227,9 +227,9 @@ pub fn run(
 }
 
 /// Same as [`run`], with further measurements. The further measurements are averaged over an interval like the
-/// magnetometers, as measurements of their node's states. For any loss, these measurements have the full weight of
-/// least squares, like aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the
-/// filter.
+/// magnetometers, as measurements of their node's states. A robust loss does not apply to these measurements; like
+/// aiding positions, they have the full weight of least squares. A magnetometer is skipped where the map is too flat at
+/// the prediction of the filter.
 ///
 /// # Errors
 /// Returns the errors of [`run`] and [`Aids::check`].

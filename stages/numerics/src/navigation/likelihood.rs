@@ -15,8 +15,9 @@
 //! that spikes have little influence.
 //!
 //! The permanent field of an aircraft changes after its calibration, by landings, temperature, or parts that are
-//! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the
-//! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
+//! magnetised. In turns, the effect of this change on the field is not a Gauss-Markov process in time. If three states
+//! for it increase the likelihood by more than a threshold, they are used, with the most likely standard deviation and
+//! time constant.
 //!
 //! A magnetometer with late time stamps measures the field of earlier positions. Its lag becomes a state if that
 //! increases the likelihood by more than a threshold. Likewise, a constant error of the height on the map becomes a
@@ -96,8 +97,8 @@ const GRID: [&[f64]; 3] = [
 ];
 /// Factors on the map's own variance.
 const MAP_FACTORS: [f64; 4] = [0.25, 1.0, 4.0, 16.0];
-/// Weak prior that keeps short lines away from the ends of the ranges: centres, and standard deviations of the
-/// logarithms.
+/// Weak prior that keeps the estimates for short lines away from the ends of the ranges: centres, and standard
+/// deviations of the logarithms.
 const PRIOR: [(f64, f64); PARAMETERS] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5), (10.0, 2.0), (2e4, 2.5)];
 /// First and last step of the search around the best point, as factors.
 const STEPS: [f64; 2] = [2.0, 1.12];
@@ -350,7 +351,7 @@ impl NoiseLikelihood<'_> {
         })
     }
 
-    /// Best point by steps to the best neighbour, which shrink if no neighbour is better.
+    /// Best point, found by steps to the best neighbour. The steps shrink if no neighbour is better.
     fn climbed(&self, start: NoisePoint, least_used: usize) -> (NoisePoint, f64) {
         let mut now = start;
         let mut best = self.scores(&[now])[0].log_likelihood(least_used);
@@ -379,7 +380,7 @@ impl NoiseLikelihood<'_> {
         together.into_iter().flat_map(|parameters| Self::grid_around(point, factor, parameters)).collect()
     }
 
-    /// The point with each of these parameters one step down, unchanged, or one step up, without the point itself.
+    /// All points with each of these parameters one step down, unchanged, or one step up, except the point itself.
     fn grid_around(point: NoisePoint, factor: f64, parameters: &[usize]) -> Vec<NoisePoint> {
         let mut points = vec![point];
         for at in parameters.iter().copied() {

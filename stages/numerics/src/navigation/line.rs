@@ -44,7 +44,7 @@ pub struct NavigationLine<'a> {
 pub struct LineStep {
     /// Length, in seconds.
     pub dt_s: f64,
-    /// Mean ground speed, in m/s; the speed at the beginning for a step between two samples.
+    /// Mean ground speed, in m/s. For a step between two samples, it is the speed at the beginning of the step.
     pub speed_mps: f64,
     /// Φ.
     pub phi: StateMatrix,

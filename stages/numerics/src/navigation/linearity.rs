@@ -14,8 +14,8 @@
 //! error ellipse with the shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may
 //! be unusually flat or steep at a single position.
 //!
-//! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
-//! 25.4.45]. It is exact for a field of second and third degree.
+//! The mean over e is computed by a Gauss-Laguerre rule of three nodes in |e|²/2, for each of eight directions
+//! [Abramowitz & Stegun 1964, 25.4.45]. It is exact for a field of second and third degree.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;

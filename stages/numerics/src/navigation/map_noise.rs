@@ -1,4 +1,4 @@
-//! Error of the nodes of a map as noise of the measurements along a line.
+//! Errors of a map's nodes, converted to measurement noise along a line.
 //!
 //! The relevant error is the error of the map at the position of the aircraft, which is unknown. Between survey lines
 //! the map error changes within some hundred metres, while the error of an INS is kilometres after an hour. The map
@@ -13,8 +13,8 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 
 /// Standard deviation of the map error at each sample of a line, in nT, times `factor`. NaN where the map has a value
-/// but no error; 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the line's own
-/// measurements is added in the filter.
+/// but the error is unknown; 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the
+/// line's own measurements is added in the filter.
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`]. Also fails with [`NavigationError::Diverged`] if a state or

@@ -32,17 +32,17 @@
 //!
 //! # Resampling
 //!
-//! Resampling is systematic, with one uniform random number, when 1/Σq² < `resample_threshold` N. The position of a
-//! navigation-grade INS has almost no driving noise. Copies of a particle therefore remain copies, also in velocity and
-//! tilt. A plain particle filter is left with a few distinct paths and a covariance that is far too small. With
-//! `regularise`, new particles are drawn from a kernel density instead. The position is drawn from Gaussian kernels of
-//! the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le Gland 2001]; the particles are first contracted by √(1 −
-//! h²), which preserves mean and covariance [West 1993]. The linear states follow the position by their regression on
-//! it. The fraction h² of the covariance about the regression is transferred from the particles to P instead of being
-//! drawn. A cloud wider than `smooth_over_m` has one kernel per cell of at least 16 effective particles, and one
-//! regression per mode. If a measurement would leave less than a tenth of the particles effective, it is split into
-//! several measurements whose inverse variances add up to the original one. The particles are resampled between these
-//! (progressive correction, same source).
+//! The particles are resampled when 1/Σq² < `resample_threshold` N. Resampling is systematic, with one uniform random
+//! number. The position of a navigation-grade INS has almost no driving noise. Copies of a particle therefore remain
+//! copies, also in velocity and tilt. A plain particle filter is left with a few distinct paths and a covariance that
+//! is far too small. With `regularise`, new particles are drawn from a kernel density instead. The position is drawn
+//! from Gaussian kernels of the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le Gland 2001]; the particles are
+//! first contracted by √(1 − h²), which preserves mean and covariance [West 1993]. The linear states follow the
+//! position by their regression on it. The fraction h² of the covariance about the regression is transferred from the
+//! particles to P instead of being drawn. A cloud wider than `smooth_over_m` has one kernel per cell of at least 16
+//! effective particles, and one regression per mode. If a measurement would leave less than a tenth of the particles
+//! effective, it is split into several measurements whose inverse variances add up to the original one. The particles
+//! are resampled between these (progressive correction, same source).
 //!
 //! # Aiding positions
 //!
@@ -82,8 +82,9 @@
 //! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³
 //! ```
 //!
-//! A standard deviation of 1.5 km on each axis begins with about 17,000 particles. The number depends only on the
-//! particles, so it is the same on any number of threads. The report indicates whether the cloud has lost the aircraft.
+//! With a standard deviation of 1.5 km on each axis, the filter begins with about 17,000 particles. The number depends
+//! only on the particles, so it is the same on any number of threads. The report indicates whether the cloud has lost
+//! the aircraft.
 //!
 //! # Hand-over
 //!

@@ -33,8 +33,8 @@
 //!
 //! # Irregularities
 //!
-//! Irregularities are treated as in [`ekf`](crate::navigation::ekf). A further input that is not finite is an error,
-//! which names the row. The map slope in an unknown cell is replaced by the mean slope.
+//! Irregularities are treated as in [`ekf`](crate::navigation::ekf). A further input that is not finite causes an error
+//! that names the row. The map slope in an unknown cell is replaced by the mean slope.
 
 mod course;
 mod inputs;

@@ -72,8 +72,8 @@ const LARGEST: f64 = 0.5;
 ///
 /// The Gauss-Markov states decay by their exponentials. The other states use the Taylor series over the nonzero
 /// entries. The order of the series gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of
-/// |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of
-/// halves.
+/// |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is halved
+/// until θ is at most one half.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);

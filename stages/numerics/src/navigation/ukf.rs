@@ -4,9 +4,9 @@
 //! g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented transform is
 //! therefore applied to these n = 3 states. With the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the field is
 //! looked up at the seven points y and y ± c L_i. The expected values of the other states, given y, are linear in y. A
-//! full transform of the 18 states by the Cholesky factor with y first moves y in the same six directions only. This
-//! transform gives the same mean, gain and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003;
-//! Morelande & Ristic 2006]
+//! full transform of the 18 states, with y as the first states of the Cholesky factor, moves y in the same six
+//! directions only. With the same c, α and β, it therefore gives the same mean, gain and covariance. [Briers, Maskell &
+//! Wright 2003; Morelande & Ristic 2006]
 //!
 //! With the halves of the first differences d_i = (g_i⁺ − g_i⁻)/(2c) and of the second differences e_i = (g_i⁺ +
 //! g_i⁻)/2 − g₀, the weighted sums over the points [Julier & Uhlmann 2004; Wan & van der Merwe 2000] become
@@ -20,7 +20,7 @@
 //! which is the statistical linear regression of the field over the position's own uncertainty [Lefebvre, Bruyninckx &
 //! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore that of the
 //! EKF, in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α² κ/3. The form
-//! with differences also keeps its digits for a small α.
+//! with differences also loses no digits for a small α.
 //!
 //! Irregularities along the line are counted:
 //!
@@ -49,11 +49,11 @@ use params::{Fault, Rule, obeys};
 /// Parameters of the filter.
 ///
 /// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate. The mean of the field and the
-/// gain are then correct to the fourth moment of every direction. The variance of the field's second-order part is (5 +
-/// 4 β)/8 of the true variance on average over fields whose curvature has no preferred direction. β = 3/4 is correct.
-/// The usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters diverge from a very
-/// uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second derivatives (along the
-/// directions of the points) is exact instead.
+/// gain are then correct to the fourth moment of every direction. The computed variance of the field's second-order
+/// part is (5 + 4 β)/8 of the true variance on average over fields whose curvature has no preferred direction. β = 3/4
+/// gives the true variance. The usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters
+/// diverge from a very uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second
+/// derivatives (along the directions of the points) is exact instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UkfParameters {
     /// α of the scaled unscented transform: scales the distance of the points, above 0.

@@ -15,7 +15,7 @@ pub(super) struct NoiseEstimator {
     form: AdaptiveForm,
     /// Whether R is estimated.
     learns: bool,
-    /// Whether a factor of the assumed variance is estimated.
+    /// Whether the estimate is a factor on the assumed variance.
     relative: bool,
     /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,

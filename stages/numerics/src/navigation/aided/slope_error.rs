@@ -8,8 +8,8 @@ use crate::navigation::line::NavigationLine;
 /// are tried next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
-/// Smallest ratio of the numbers of used samples of two compared runs. A run with fewer used samples has diverged and
-/// left the map.
+/// Smallest ratio between the numbers of samples that two compared runs use. A run with fewer used samples has diverged
+/// and left the map.
 const LEAST_PART: f64 = 0.9;
 
 /// Likelihood of the innovations of a run.
@@ -23,8 +23,8 @@ struct SlopeErrorLikelihood {
 /// likelihood is that of the innovations of the difference on a line. Returns 0 without a difference, or if no run
 /// determines the estimate.
 ///
-/// Each value is tried with and without the scalar field, because the field may contain disturbances that cancel in the
-/// difference, or the aircraft field. Costs up to 16 runs of an extended Kalman filter.
+/// Each value is tried with and without the scalar field, because the scalar field may contain the aircraft field, or
+/// disturbances that cancel in the difference. Costs up to 16 runs of an extended Kalman filter.
 pub fn likely_slope_error(line: &NavigationLine<'_>, aids: &Aids<'_>, slope: &MapSlope) -> f64 {
     let Some(difference) = aids.difference else { return 0.0 };
     let none = vec![f64::NAN; line.ins.len()];

@@ -22,7 +22,7 @@ pub(crate) struct NoiseFactors {
 
 /// Source of the noise of a filter.
 pub(crate) trait NoiseSource {
-    /// Factors at a row. `output` holds the rows before.
+    /// Factors at a row. `output` holds the previous rows.
     fn factors(&mut self, row: usize, output: &NavigationOutput) -> NoiseFactors;
 }
 

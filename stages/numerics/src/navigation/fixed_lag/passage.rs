@@ -28,7 +28,7 @@ pub(super) struct NodeEstimate {
     pub(super) usage: FixedLagUsage,
 }
 
-/// Filter ahead of the windows, linearised at the prediction of the filter.
+/// Filter ahead of the windows, linearised at its own predictions.
 pub(super) struct FrontFilter<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a StateLayout,

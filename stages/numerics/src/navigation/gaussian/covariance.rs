@@ -46,7 +46,7 @@ impl Covariance {
         all.set_ins(ins);
         for row in 0..other_states {
             let to = &mut all.entries[(STATES + row) * all.stride + STATES..][..other_states];
-            // Either triangle may come from a product with different rounding.
+            // The two triangles may come from products with different rounding.
             for (column, to) in to.iter_mut().enumerate() {
                 let (one, other) = (others[row * other_states + column], others[column * other_states + row]);
                 *to = 0.5 * (one + other);

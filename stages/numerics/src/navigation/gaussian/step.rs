@@ -93,7 +93,7 @@ impl StepModel {
         LaneStep { dt_s, phi: TransitionEntries::from_matrix(&phi), noise }
     }
 
-    /// Step without length and noise, whose memory later steps reuse.
+    /// Step of zero length and without noise; later steps reuse its memory.
     pub fn empty_lane_step(&self) -> LaneStep {
         let noise = (self.noise == NoiseDiscretisation::VanLoan).then(|| Box::new([[0.0; STATES]; STATES]));
         LaneStep { dt_s: 0.0, phi: TransitionEntries::from_matrix(&identity()), noise }

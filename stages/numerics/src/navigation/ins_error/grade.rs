@@ -35,10 +35,10 @@ impl InsGrade {
     /// Error sources of an INS of this grade.
     ///
     /// The tables give velocity and angular random walk, and the standard deviations of the biases (time constant 3600
-    /// s). The same numbers are used for the initial velocity (m/s) and tilt (rad). The initial position is exact, and
-    /// the initial height has a standard deviation of 5 m. Angular random walk and gyroscope bias are in rad/√s and
-    /// rad/s, despite the printed units. The tables do not specify the barometer; all grades use the barometer of
-    /// MagNav.jl.
+    /// s). The numbers of the accelerometer and gyroscope biases are also used for the initial velocity (m/s) and tilt
+    /// (rad). The initial position is exact, and the initial height has a standard deviation of 5 m. Angular random
+    /// walk and gyroscope bias are in rad/√s and rad/s, despite the printed units. The tables do not specify the
+    /// barometer; all grades use the barometer of MagNav.jl.
     pub fn errors(self) -> InsErrors {
         match self {
             Self::Magnav => InsErrors::default(),

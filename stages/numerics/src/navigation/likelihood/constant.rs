@@ -23,8 +23,8 @@ const MAP_HEIGHT: ConstantState =
 /// this logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s, and by as much for a height that is known
 /// to 2.5 m.
 const LEAST_GAIN: f64 = 6.0;
-/// Factors on the white noise and on the process that are tried first. Without a state for the constant, the noise
-/// contains its effect.
+/// Factors on the white noise and on the process that are tried first. Without a state for the constant, the estimated
+/// noise includes the effect of the constant.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
 /// Increase of the logarithm of the likelihood by a state for the height bias, compared with `noise`, which has no such

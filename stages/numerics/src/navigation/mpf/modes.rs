@@ -6,7 +6,7 @@
 //! lower top [Chazal, Guibas, Oudot & Skraba 2013]. Each hill is then analysed on a finer grid, to separate modes of
 //! very different sizes. The algorithm is deterministic.
 
-/// Ratio of a saddle to the lower top below which the saddle separates two modes.
+/// A saddle separates two modes if its ratio to the lower top is below this.
 const VALLEY: f64 = 0.4;
 /// Smallest weight of a mode. Points of smaller modes are assigned to the nearest mode.
 const LEAST_WEIGHT: f64 = 0.01;

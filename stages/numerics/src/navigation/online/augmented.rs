@@ -70,7 +70,7 @@ pub struct OnlineParameters {
     /// Largest NIS of a measurement given the previous magnetometers of the sample; measurements with larger NIS are
     /// rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Number of consecutive rejections of a magnetometer after which its next measurement is used. `None` for no
+    /// After this number of consecutive rejections of a magnetometer, its next measurement is used. `None` sets no
     /// limit.
     pub recover_after: Option<usize>,
     /// Returns the 18 error states of every sample.

@@ -30,13 +30,13 @@ pub struct SlamMapGrid {
 }
 
 impl SlamOutput {
-    /// Computes the map of the flight by kriging, each node from the 24 nearest measurements within three lengths of
-    /// the kernel, at the positions of [`SlamOutput::path`].
+    /// Computes the map of the flight by kriging of the measurements at the positions of [`SlamOutput::path`]. Each
+    /// node uses the 24 nearest measurements within three lengths of the kernel.
     ///
-    /// The Gaussian process is the same as in the filter: squared-exponential anomaly with an unknown mean, white
-    /// noise, and a temporal variation, which is removed from the map. `temporal` has the standard deviation (nT) and
-    /// correlation time (s) of the temporal variation. Differences from the mean height are treated as noise. Nodes
-    /// whose standard deviation is above `most_sd_nt` are NaN.
+    /// The Gaussian process is the same as in the filter: an anomaly with an unknown mean, white noise, and a temporal
+    /// variation, which is removed from the map. `temporal` has the standard deviation (nT) and correlation time (s) of
+    /// the temporal variation. Differences from the mean height are treated as noise. Nodes whose standard deviation is
+    /// above `most_sd_nt` are NaN.
     pub fn chart(&self, temporal: (f64, f64), grid: &SlamMapGrid, most_sd_nt: f64) -> SlamMap {
         let axis = |first: f64, step: f64, count: usize| (0..count).map(move |place| first + step * place as f64);
         let (rows, columns) = grid.size;

@@ -16,7 +16,7 @@ pub struct SlamReport {
     /// Whether the hyper-parameters were fitted. False after a requested fit means that the first part of the flight
     /// has too few or constant measurements; the given hyper-parameters were then used.
     pub fitted: bool,
-    /// Number of steps in which a particle revisited and all were weighted.
+    /// Number of steps in which some particles revisited, and all particles were therefore weighted.
     pub revisits: usize,
     /// Number of resamplings.
     pub resamplings: usize,

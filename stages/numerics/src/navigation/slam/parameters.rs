@@ -73,8 +73,8 @@ pub struct SlamParameters {
     pub max_height_difference_m: f64,
     /// Standard deviation of an inverse-distance-weighted prediction, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
-    /// Effective number of particles, as a fraction of all particles, below which the particles are resampled. [Lee
-    /// 2019, (77)]
+    /// The particles are resampled if their effective number, as a fraction of all particles, is below this. [Lee 2019,
+    /// (77)]
     pub resample_below: f64,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
