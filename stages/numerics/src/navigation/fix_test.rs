@@ -4,8 +4,8 @@
 //! the rejection of a position, and all filters of a line use the same fixes. Two tests of the innovation ν with
 //! covariance S run in parallel, each for the horizontal position and for the height:
 //!
-//! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
-//!   Kirubarajan 2001, section 5.4];
+//! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix above this limit is rejected [Bar-Shalom,
+//!   Li & Kirubarajan 2001, section 5.4];
 //! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`],
 //!   which raises an alarm if |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum
 //!   quality-control schemes, Technometrics 30(3)]; it has the same power in every direction. It detects changes
@@ -29,8 +29,8 @@ use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, VN};
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
 
-/// NIS per component above which one fix is rejected, for a height and for a pair of coordinates. The probability for a
-/// valid fix is 1e-6.
+/// Limits of the NIS per component, for a height and for a pair of coordinates. A single fix above the limit is
+/// rejected. The probability for a valid fix is 1e-6.
 pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
 /// Part of each whitened innovation that the cumulative sum ignores, in standard deviations.
 pub const ALLOWANCE: f64 = 1.0;

@@ -162,7 +162,7 @@ pub struct FixedLagOutput {
     pub offsets_nt: Vec<f64>,
     /// Innovations of the further measurements, as in [`FixedLagOutput::navigation`].
     pub aids: AidInnovations,
-    /// Horizontal slope of the predicted field at the first sample of its interval, in nT/m, if there are further
+    /// Horizontal slope of the predicted field at the first sample of each interval, in nT/m, if there are further
     /// measurements; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
 }
@@ -336,8 +336,8 @@ fn check(magnetometer: usize, one: &FixedLagMagnetometer<'_>, rows: usize) -> Re
     Ok(())
 }
 
-/// Whether a matrix is exactly symmetric, and positive semidefinite up to rounding: a Cholesky factorisation of its
-/// correlations.
+/// Whether a matrix is exactly symmetric, and positive semidefinite up to rounding. The test is a Cholesky
+/// factorisation of its correlations.
 fn is_covariance(p: &[f64], terms: usize) -> bool {
     let sigma: Vec<f64> = (0..terms).map(|k| p[k * (terms + 1)].sqrt()).collect();
     let mut factor = vec![0.0; terms * terms];

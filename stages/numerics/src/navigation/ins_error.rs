@@ -211,7 +211,7 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 /// the measurement.
 ///
 /// The first error is drawn from the initial covariance. Each step is e ← Φ (e + w₁) + w₂, where w₁ and w₂ each have
-/// half of the step's noise. Their covariance is exactly the covariance of a filter with
+/// half of the step's noise. The covariance of the errors is exactly that of a filter with
 /// [`NoiseDiscretisation::Trapezoidal`]. `normal` returns standard normals: 18 for the first sample, 36 per step.
 ///
 /// # Errors

@@ -106,8 +106,8 @@ const STEPS: [f64; 2] = [2.0, 1.12];
 const STARTS: usize = 3;
 /// Maximum number of concurrent filters, which limits the memory.
 const TOGETHER: usize = 64;
-/// Smallest ratio of the numbers of predicted measurements of two filters for which their likelihoods are compared. A
-/// filter that has left the map predicts few measurements.
+/// The likelihoods of two filters are compared if the ratio of their numbers of predicted measurements is at least
+/// this. A filter that has left the map predicts few measurements.
 pub const LEAST_USED: f64 = 0.98;
 /// Smallest number of measurements for a search.
 pub const FEWEST: usize = 60;
@@ -241,7 +241,7 @@ impl InnovationLikelihood {
         output.report.updates + output.report.gated
     }
 
-    /// Logarithm of the likelihood; -infinity if fewer measurements were used.
+    /// Logarithm of the likelihood; -infinity if fewer than `least_used` measurements were used.
     fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
     }
@@ -290,7 +290,7 @@ impl NoiseLikelihood<'_> {
         outputs
     }
 
-    /// Standard deviation of each thinned measurement at a point, in nT.
+    /// Standard deviation of each thinned measurement for the parameters of a point, in nT.
     fn sigma_nt(&self, [sigma_nt, ..]: &NoisePoint) -> Vec<f64> {
         let NoiseSearch { scale, known_nt, map_nt, .. } = *self.search;
         let of = |row: &usize| {

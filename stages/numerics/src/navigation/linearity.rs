@@ -8,11 +8,11 @@
 //! ```
 //!
 //! The filter does not include ε in its covariance. The filter is valid where ε is below the standard deviation σ of
-//! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is
-//! below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates correct
-//! the position. The range is the standard deviation of the position at which ε equals the larger of σ and λ/3, for an
-//! error ellipse with the shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may
-//! be unusually flat or steep at a single position.
+//! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. A larger ε is also tolerated if it
+//! is below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates
+//! correct the position. The range is the standard deviation of the position at which ε equals the larger of σ and λ/3,
+//! for an error ellipse with the shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the
+//! map may be unusually flat or steep at a single position.
 //!
 //! The mean over e is computed by a Gauss-Laguerre rule of three nodes in |e|²/2, for each of eight directions
 //! [Abramowitz & Stegun 1964, 25.4.45]. It is exact for a field of second and third degree.
@@ -39,7 +39,7 @@ const RANGE_M: [f64; 2] = [0.1, 1e5];
 /// Number of bisections of the logarithm of the range; the relative error is 1e-5.
 const BISECTIONS: usize = 20;
 
-/// Position uncertainty, and the largest one over which the field is linear.
+/// Position uncertainty, and the largest uncertainty over which the field is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearRange {
     /// Standard deviation of the position along the longer axis of its error ellipse, in metres.
@@ -122,7 +122,7 @@ impl<'a> LinearityTest<'a> {
         self.changes(at, cholesky(covariance)).is_some_and(|changes| changes.error_nt <= sigma_nt)
     }
 
-    /// Range of the covariance, for a standard deviation of the noise.
+    /// Range for the shape of a covariance and a standard deviation of the noise.
     fn range(&mut self, at: &PathStart, covariance: [f64; 3], sigma_nt: f64) -> LinearRange {
         let (north_m, east_m) = self.earth.north_east_m_per_rad(at.lat_deg.to_radians(), at.alt_m);
         let [a, b, c] = covariance;

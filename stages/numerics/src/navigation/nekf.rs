@@ -1,7 +1,7 @@
 //! Neural covariance: an extended Kalman filter whose noise a recurrent network sets at each sample.
 //!
-//! The filter is [`ekf`](crate::navigation::ekf). A long short-term memory layer sets the factor r of the assumed
-//! measurement variance σ², and optionally the factor q of the noise that drives the temporal variation [Gnadt 2022,
+//! The filter is [`ekf`](crate::navigation::ekf). A long short-term memory layer sets a factor r on the assumed
+//! measurement variance σ², and optionally a factor q on the noise that drives the temporal variation [Gnadt 2022,
 //! section 5.9.3; MagNav.jl 1.3.3, `nekf`]:
 //!
 //! ```text

@@ -27,7 +27,7 @@
 //! - An offset window ([`StreamSetup::offset_window_s`]) averages measurements that follow the first sample. The
 //!   constructor rejects it. Subtract a known offset from each measurement; the online filter can estimate a constant.
 //! - The bias of a vector magnetometer ([`online::Fluxgate`](crate::navigation::online::Fluxgate)) and the further
-//!   measurements of [`aids`](crate::navigation::aids) have no stream.
+//!   measurements of [`aids`](crate::navigation::aids) are not available in a stream.
 //! - The terms of a whole line use central differences, which need the next sample. A caller that computes terms in
 //!   flight must delay each sample by one, or use one-sided differences with other coefficients.
 //!
@@ -180,7 +180,7 @@ impl StreamKind {
         }
     }
 
-    /// Number of the kind in a saved state.
+    /// Number that identifies the kind of filter in a saved state.
     fn number(&self) -> u32 {
         match self {
             Self::Ekf(_) => 1,
@@ -223,7 +223,7 @@ impl FilterStream {
     }
 
     /// Extended Kalman filter that estimates the noise of the magnetometers from the innovations. Each element of
-    /// `bounds_nt` is a magnetometer, with the lower and upper bound of its standard deviation, in nT. The keys
+    /// `bounds_nt` defines a magnetometer by the lower and upper bound of its standard deviation, in nT. The keys
     /// `keep_states` and `keep_covariance` have no effect.
     ///
     /// # Errors

@@ -19,8 +19,8 @@
 //!
 //! which is the statistical linear regression of the field over the position's own uncertainty [Lefebvre, Bruyninckx &
 //! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore that of the
-//! EKF, in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α² κ/3. The form
-//! with differences also loses no digits for a small α.
+//! EKF, in Joseph's form. The covariance stays positive for every ω ≥ 0, and ω ≥ 0 holds for β ≥ −α² κ/3. The form with
+//! differences also loses no digits for a small α.
 //!
 //! Irregularities along the line are counted:
 //!

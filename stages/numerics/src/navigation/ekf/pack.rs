@@ -158,7 +158,7 @@ impl<'a, S: Simd, C: EkfSamples> EkfPack<'a, S, C> {
     }
 
     /// Multiplies the standard deviation of the noise that drives the temporal variation by a factor, from the next
-    /// step on. The factor applies to the parameters, not to an earlier factor.
+    /// step on. The factor is relative to the parameters and replaces earlier factors.
     #[inline(always)]
     pub(super) fn scale_fogm(&mut self, simd: S, factor: f64) {
         for filter in &mut self.filters {

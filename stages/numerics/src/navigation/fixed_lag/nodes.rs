@@ -312,8 +312,8 @@ fn walk(walked: &mut LineStep, line: &NavigationLine, row: usize) {
     add(&mut walked.noise, &step.noise);
 }
 
-/// Propagates a state and its covariance to the samples of a node after its first. There are no measurements in
-/// between.
+/// Propagates a state and its covariance from the first sample of a node to its later samples. There are no
+/// measurements in between.
 pub(super) fn carry(line: &NavigationLine, row: usize, x: &mut StateVector, p: &mut StateMatrix) {
     let step = line.step(row);
     *x = crate::navigation::transition::propagate_state(&step.phi, x);

@@ -81,7 +81,7 @@ pub(super) struct SmoothingWindow<'a> {
     trial: WindowPath,
     /// Linearisation point of the last forward pass.
     about: WindowLinearisation,
-    /// Linearisation about the trial path; between windows about the path.
+    /// Linearisation about the trial path or, between windows, about the path.
     trial_about: WindowLinearisation,
     /// Index of the first trace of each node; and one more index at the end.
     starts: Vec<usize>,

@@ -25,7 +25,8 @@ pub(crate) struct Covariance {
     entries: Vec<f64>,
 }
 
-/// Largest H P Hᵀ over R. An update leaves errors of 2e-16 H P Hᵀ, which at this ratio is a few thousandths of R.
+/// Largest ratio of H P Hᵀ to R. An update leaves errors of 2e-16 H P Hᵀ, which at this ratio is a few thousandths of
+/// R.
 pub(crate) const WIDEST: f64 = 1e13;
 
 impl Covariance {

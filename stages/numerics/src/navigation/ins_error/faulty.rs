@@ -8,7 +8,7 @@ use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN};
 
 /// Output of an INS with the `errors` (truth minus INS, one per sample) along a true trajectory, as the columns of
-/// [`InsSeries`] after its times: latitude, longitude (degrees), height (m), velocity (m/s) and specific force (m/s²)
+/// [`InsSeries`] without its times: latitude, longitude (degrees), height (m), velocity (m/s) and specific force (m/s²)
 /// north, east and down, roll, pitch and yaw (degrees).
 ///
 /// The specific force is the true specific force as measured by the accelerometers x, y, z, with their biases and scale

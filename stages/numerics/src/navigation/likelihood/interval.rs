@@ -12,8 +12,8 @@ const FACTORS: [f64; 7] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8];
 /// More measurements are used if the ratio of their information n/σ² to that of the fewer measurements is at least
 /// this.
 const LEAST_GAIN: f64 = 1.5;
-/// Number of lags of the whiteness test, and the smallest share of lags within the bounds, whose expected value is
-/// 0.95.
+/// Number of lags of the whiteness test, and the smallest share of these lags with an autocorrelation within its 95 %
+/// bounds. The expected share is 0.95.
 const WHITE: (usize, f64) = (20, 0.8);
 
 /// Noise of a line with the measurements of `search`, which are more numerous than the `rows` measurements of `noise`.

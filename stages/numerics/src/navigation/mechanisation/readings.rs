@@ -28,7 +28,7 @@ impl IdealImu {
         &self.motion
     }
 
-    /// Reading of the `dt_s` seconds to the next velocity (m/s) and attitude.
+    /// Reading over the `dt_s` seconds until the next velocity (m/s) and attitude.
     pub fn next(&mut self, vel_ned_mps: &Vector3<f64>, body_to_ned: &UnitQuaternion<f64>, dt_s: f64) -> ImuReading {
         let from = self.motion;
         let v = 0.5 * (from.vel_ned_mps + vel_ned_mps);

@@ -28,7 +28,7 @@ struct CoreExpansionPoint {
     slope_d_lon: f64,
 }
 
-/// Largest distance of the middle from the expansion point before the point is moved.
+/// Largest distance between the expansion point and the middle of the cloud. Beyond it, the expansion point is moved.
 const REACH_M: f64 = 2000.0;
 const REACH_UP_M: f64 = 100.0;
 /// Step of the central differences of the exact gradient: about 3 km.

@@ -1,8 +1,8 @@
 //! Number of particles by KLD-sampling.
 //!
-//! The number follows from the number of cells of the position that the cloud occupies. If the true density is constant
-//! in each of k cells, n samples have a maximum-likelihood density whose Kullback-Leibler distance from the true one
-//! exceeds ε with probability δ, where [Fox 2003, (7)]
+//! The number of particles follows from the number of cells that the positions of the cloud occupy. If the true density
+//! is constant in each of k cells, n samples have a maximum-likelihood density whose Kullback-Leibler distance from the
+//! true one exceeds ε with probability δ, where [Fox 2003, (7)]
 //!
 //! ```text
 //! n = (k − 1)/(2 ε) [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) z]³
@@ -33,14 +33,14 @@ impl ParticleCount {
         parameters.adapt.then_some(Self { least: parameters.particles, cell_m: parameters.smooth_over_m })
     }
 
-    /// Number for a cloud whose particles, with equal weights, are at these places in metres.
+    /// Number of particles for a cloud whose particles, with equal weights, are at these positions, in metres.
     pub(super) fn of_cloud(&self, places: impl Iterator<Item = [f64; 2]>) -> usize {
         let cells: BTreeSet<[i64; 2]> = places.map(|place| self.cell(place)).collect();
         self.within(for_cells(cells.len()))
     }
 
-    /// Number for the first cloud: draws particles until their number suffices for the cells that they occupy.
-    /// `spread` are the factors of latitude and longitude of the normals.
+    /// Number of particles of the first cloud. Draws particles until their number suffices for the cells that they
+    /// occupy. `spread` contains the factors that convert the normals to latitude and longitude.
     pub(super) fn of_start(&self, m_per_rad: [f64; 2], spread: [[f64; 2]; 2], draws: ParticleDraws) -> usize {
         let mut cells = BTreeSet::new();
         let most = self.within(usize::MAX);

@@ -7,7 +7,7 @@ use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::transition::propagate_covariance;
 
-/// Ratio of a pivot to the variance of its state below which the pivot is treated as rounding error.
+/// A pivot is treated as rounding error if its ratio to the variance of its state is below this.
 const LEAST_PIVOT: f64 = 1e-13;
 
 /// Matrix over the states.

@@ -26,7 +26,7 @@ use super::{check, filtered};
 
 /// Time between two tests of the particles, in seconds.
 const INTERVAL_S: f64 = 5.0;
-/// Time for which the conditions hold before the hand-over, in seconds.
+/// Time for which the conditions must hold before the hand-over, in seconds.
 const HELD_S: f64 = 60.0;
 
 /// Conditions of the hand-over.
@@ -174,7 +174,7 @@ pub fn run_then_ekf(
     Ok(HandOverOutput { all, handed_over: Some(last) })
 }
 
-/// Position and velocity of the aircraft that the particles found.
+/// Position and velocity that the particles found for the aircraft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocatedAircraft {
     /// Row of the sample.

@@ -17,7 +17,7 @@ choice! {
     /// Loss of the training, per sample.
     #[derive(Default)]
     pub enum NoiseLoss {
-        /// Negative log-likelihood of the innovations, ½ (ln s + v²/s); no truth.
+        /// Negative log-likelihood of the innovations, ½ (ln s + v²/s); requires no truth.
         #[default]
         Likelihood = "likelihood",
         /// Negative log-likelihood of the true position, ½ (ln |C| + eᵀ C⁻¹ e), with the error e of latitude and

@@ -2,7 +2,7 @@
 //!
 //! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c). m is the model's field as a
 //! function of the further states c. All magnetometers of a sample are linearised at the predicted state and processed
-//! one at a time. With independent noises this equals the joint update, in any order.
+//! one at a time. With independent noises this equals the joint update, and their order does not matter.
 
 mod filter;
 mod streamed;

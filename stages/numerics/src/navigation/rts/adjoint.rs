@@ -32,7 +32,8 @@ impl AdjointState {
     #[inline(always)]
     pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);
-        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: four rows and columns.
+        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: only four rows and
+        // columns change.
         let mut g = [0.0; STATES];
         for (factor, row) in used.gain.iter().zip(&self.matrix) {
             add_scaled(&mut g, *factor, row);

@@ -17,7 +17,7 @@ pub struct AidedRtsOutput {
     pub iterations: RtsReport,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
-    /// Innovations of the further measurements, of the last forward pass.
+    /// Innovations of the further measurements in the last forward pass.
     pub aids: AidInnovations,
     /// Horizontal slope of the field at the estimate of the first filter, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,

@@ -39,7 +39,7 @@ pub struct PredictionRules {
     pub ignore_s: f64,
     /// Radius, in metres, within which more than `trigger_points` samples count as a revisit.
     pub trigger_m: f64,
-    /// Number of samples; see `trigger_m`.
+    /// Number of samples that a revisit exceeds; see `trigger_m`.
     pub trigger_points: usize,
     /// Radius of the samples of a prediction, in metres.
     pub radius_m: f64,

@@ -191,7 +191,7 @@ pub enum StreamError {
         /// Time of the sample, in seconds.
         tt_s: f64,
     },
-    /// The sample has another number of values than the filter requires.
+    /// The number of values in the sample differs from the number that the filter requires.
     #[error("the sample has {found} {what}; the filter requires {expected}")]
     Count {
         /// Values that are counted.

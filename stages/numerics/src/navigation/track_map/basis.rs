@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 
-/// Target fraction of the variance that the basis omits, within the maximum number of functions.
+/// Target for the fraction of the variance that the basis omits, unless it requires more than the maximum number of
+/// functions.
 const LACKING: f64 = 1e-4;
 /// Distance from the outermost sample to the boundary, in lengths of the kernel. The field is zero at the boundary,
 /// which reduces its variance at the outermost sample by k(4 l)/k(0), which is 0.5 % for the Matérn covariance with ν =

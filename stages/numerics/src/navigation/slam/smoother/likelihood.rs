@@ -41,7 +41,7 @@ pub struct SlamProblem {
     pub centre_nt: f64,
 }
 
-/// Factor of the covariance of the measurements along a path.
+/// Cholesky factor of the covariance of the measurements along a path.
 pub struct PathCovarianceFactor {
     positions_m: Vec<[f64; 2]>,
     residual_nt: Vec<f64>,
@@ -77,7 +77,7 @@ impl SlamProblem {
         (0..self.measured.len()).map(|i| [moved[(2 * i, 0)], moved[(2 * i + 1, 0)]]).collect()
     }
 
-    /// Factor of the covariance along the path; `None` if the covariance is not positive.
+    /// Cholesky factor of the covariance along the path; `None` if the covariance is not positive.
     pub fn factored(&self, kernel: &AnomalyKernel, weights: &[f64]) -> Option<PathCovarianceFactor> {
         let n = self.measured.len();
         let moved = self.displacements_m(weights);

@@ -133,7 +133,7 @@ impl<'a> SlamSearch<'a> {
         Some(self.curvature().0?.inverse())
     }
 
-    /// Factor of the information of the weights, and the gradient of the cost.
+    /// Cholesky factor of the information on the weights, and the gradient of the cost.
     ///
     /// Far from the optimum, the likelihood may have negative curvature along some weights; these then have only the
     /// information of the prior.
