@@ -20,8 +20,9 @@ pub(super) struct NoiseEstimator {
     /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// Last squared innovations, divided by the reference variance at their time. In the matched form, H P Hᵀ is
-    /// subtracted from each. In the residual form, each is the expected squared noise a posteriori.
+    /// Last squared innovations, in nT². Relative ones are divided by the ratio of the assumed variance at their time
+    /// to the first assumed variance. In the matched form, H P Hᵀ is subtracted from each. In the residual form, each
+    /// is the expected squared noise a posteriori.
     window: SlidingSum,
     /// Innovation of this sample before its update.
     open: Option<PendingInnovation>,
@@ -31,7 +32,7 @@ pub(super) struct NoiseEstimator {
 /// Innovation that enters the noise estimate after the update.
 #[derive(Clone, Copy, Debug)]
 struct PendingInnovation {
-    /// Innovation, if the gate accepts it.
+    /// Innovation, limited to the largest one that the gate accepts, in nT.
     residual_nt: f64,
     noise_nt2: f64,
     unit: f64,
@@ -167,8 +168,8 @@ impl NoiseEstimator {
         self.window.push((left_nt * left_nt + gain * mean_nt2) / unit);
     }
 
-    /// Variance of the noise from the innovations so far, within its bounds. `unit` is the present reference variance,
-    /// in nT², by which the squares in the window are divided.
+    /// Variance of the noise from the innovations so far, within its bounds. `unit` is the ratio of the present to the
+    /// first assumed variance, or 1 if the variances are not relative.
     fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
         let [least, largest] = self.bounds_nt.map(|sigma_nt| sigma_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);

@@ -13,7 +13,7 @@ use crate::navigation::output::Innovation;
 /// | `innovation_size` | ln(1 + v²/σ²) |
 /// | `prediction` | ln(1 + (s − R)/σ²), where R is the noise that the filter used |
 /// | `missing` | 1 if the previous sample has no innovation (the three inputs above are then 0), else 0 |
-/// | `map_slope` | asinh(horizontal map slope in nT/km over σ in nT), at the INS position plus the last estimated error |
+/// | `map_slope` | asinh(horizontal map slope in nT/km over σ in nT), at the INS position plus the last error |
 /// | `speed` | ground speed of the INS, m/s |
 /// | `turn_rate` | absolute rate of change of the INS course, deg/s |
 /// | `specific_force` | magnitude of the specific force of the INS, m/s² |
