@@ -61,14 +61,14 @@ pub const NANOTESLA: &str = "nT";
 /// The units of its derivatives.
 pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 
-/// Deviation of the projection's scale from 1 above which distances are corrected.
+/// Distances are corrected if the projection's scale deviates from 1 by more than this.
 const WORST_SCALE: f64 = 0.005;
 
 impl AnomalyGrid {
     /// A map from its axes and values, row by row from the south.
     ///
     /// # Errors
-    /// Fails for axes of fewer than two nodes or that do not ascend, degrees out of range, values or heights that are
+    /// Fails for axes that have fewer than two nodes or do not ascend, degrees out of range, values or heights that are
     /// infinite or differ in number from the nodes, or a map without a known value.
     pub fn new(
         x: EvenAxis,
@@ -183,7 +183,7 @@ impl AnomalyGrid {
         }
     }
 
-    /// Rejects a map of any other quantity than the anomaly.
+    /// Rejects a map of any quantity other than the anomaly.
     ///
     /// # Errors
     /// Fails for a map of a derivative.
@@ -208,10 +208,10 @@ impl AnomalyGrid {
 
     /// Metres per unit of `x` and of `y`, at the middle of the map.
     ///
-    /// For eastings and northings, the length is the unit of the coordinate system. If the scale of the projection
-    /// differs by more than 0.5 % from 1, as for web Mercator, the length is in metres on the ground. For degrees, the
-    /// lengths are the transverse radius of curvature times the cosine of the latitude, and the meridian radius [Torge
-    /// & Müller, Geodesy, 4.1.3].
+    /// For eastings and northings, this is the length of the coordinate system's unit. If the scale of the projection
+    /// differs by more than 0.5 % from 1, as for web Mercator, it is the length on the ground. For degrees, the lengths
+    /// are the transverse radius of curvature times the cosine of the latitude, and the meridian radius [Torge &
+    /// Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let lat = middle(&self.y).to_radians();
@@ -264,8 +264,8 @@ impl AnomalyGrid {
         Ok(map)
     }
 
-    /// A map with another extent or spacing, such as a trimmed or expanded map, from a grid on this map's plane (the
-    /// metres of [`AnomalyGrid::plane`]).
+    /// Creates a map with another extent or spacing, such as a trimmed or expanded map. `grid` lies on this map's
+    /// plane, in the metres of [`AnomalyGrid::plane`].
     ///
     /// # Errors
     /// Fails in the cases of [`AnomalyGrid::new`].

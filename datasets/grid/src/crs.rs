@@ -8,7 +8,7 @@ use crate::ReadError;
 
 /// The code of WGS-84 latitude and longitude in degrees.
 pub const WGS84: u16 = 4326;
-/// Largest error of a conversion to degrees and back, in metres. The conversion of some old datums has 0.25 m.
+/// Largest error of a conversion to degrees and back, in metres. For some old datums, the error is 0.25 m.
 const ROUND_TRIP_M: f64 = 1.0;
 /// Largest difference between the longitude of a position and the central meridian of its UTM zone, in degrees. The
 /// widest zone, 32V, extends 6 degrees to one side.
@@ -33,8 +33,8 @@ impl Crs {
     /// datums, which drift relative to WGS-84. For old datums, it is locally tens of metres.
     ///
     /// # Errors
-    /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift
-    /// file (NAD27).
+    /// Fails for a code with an unknown definition, projection or transformation to WGS-84. One example is a datum
+    /// defined by a grid-shift file (NAD27).
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))
@@ -111,9 +111,9 @@ impl Crs {
         self.projection.unproject(easting, northing)
     }
 
-    /// WGS-84 latitude and longitude in degrees of measured coordinates. Unlike with `unproject`, coordinates that are
-    /// not a position in the system are `None`: their latitude is beyond a pole, or their projection is more than 1 m
-    /// from them.
+    /// WGS-84 latitude and longitude in degrees of measured coordinates. Unlike `unproject`, this returns `None` for
+    /// coordinates that are not a position in the system: the latitude is beyond a pole, or projecting the result gives
+    /// coordinates more than 1 m away.
     pub fn position(&self, easting: f64, northing: f64) -> Option<(f64, f64)> {
         let (lat, lon) = self.unproject(easting, northing).filter(|(lat, _)| lat.abs() <= 90.0)?;
         let back = |(x, y): (f64, f64)| (x - easting).hypot(y - northing) * self.unit_m() < ROUND_TRIP_M;
@@ -128,7 +128,7 @@ impl Crs {
         zone.is_none_or(|zone| wrap_deg(lon_deg - (zone * 6.0 - 183.0)).abs() < UTM_REACH_DEG)
     }
 
-    /// Whether its coordinates at a position are degrees of WGS-84 within about a metre.
+    /// Whether its coordinates at a position equal WGS-84 degrees within about a metre.
     pub fn is_wgs84_at(&self, lat_deg: f64, lon_deg: f64) -> bool {
         const METRE_DEG: f64 = 1e-5;
         let same = |(lat, lon): (f64, f64)| {
@@ -183,8 +183,8 @@ fn authority(wkt: &str) -> Option<u16> {
     code
 }
 
-/// The name and size in metres of the unit of eastings and northings in well-known text; `None` for a system of degrees
-/// and for text without it.
+/// The unit of eastings and northings in well-known text: its name, and its size in metres. `None` for a system in
+/// degrees, and for text without a unit.
 pub fn unit_of_wkt(wkt: &str) -> Option<(String, f64)> {
     let kind = wkt.trim_start();
     if !(kind.starts_with("PROJCS") || kind.starts_with("PROJCRS")) {

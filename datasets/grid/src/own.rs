@@ -76,7 +76,7 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
     (axis.first..=axis.last()).contains(&coordinate)
 }
 
-/// The map in latitude and longitude of a table that [`AnomalyGrid::table`] made: unchanged or resampled.
+/// The map in a table that [`AnomalyGrid::table`] made, in latitude and longitude: unchanged or resampled.
 ///
 /// # Errors
 /// Fails for a table that is not a map. Also fails in the cases of [`AnomalyGrid::to_geographic`].
@@ -136,7 +136,8 @@ impl AnomalyGrid {
     }
 }
 
-/// The map of a table's rows: its nodes by columns of these names, eastward and northward, in the system `epsg`.
+/// The map in a table with one row per node. The columns `x` and `y` hold the nodes' coordinates eastward and
+/// northward, in the system `epsg`.
 fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<AnomalyGrid, ReadError> {
     let column = |name: &str| {
         let found = table.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());

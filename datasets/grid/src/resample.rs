@@ -30,7 +30,7 @@ type CoordinateRange = (f64, f64);
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
     /// grid of latitude and longitude that covers the map. The spacing is at most that of the map. Nodes of a resampled
-    /// map that are outside the map, or within two nodes of an unknown node, are NaN.
+    /// map are NaN if they lie outside the original map or within two nodes of an unknown node.
     ///
     /// # Errors
     /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, or coordinates that are invalid in their system.
@@ -183,8 +183,8 @@ impl AnomalyGrid {
         Ok((x, y))
     }
 
-    /// Steps in degrees that are at most the map's steps on the ground. The spacings in metres are equal where a degree
-    /// is longest.
+    /// Steps in degrees that, on the ground, are at most as long as the map's steps. The spacings in metres are equal
+    /// where a degree is longest.
     fn degrees_of_steps(&self, lat: CoordinateRange) -> (f64, f64) {
         let longest = lat.0.abs().max(lat.1.abs()).to_radians();
         let widest = if lat.0 <= 0.0 && lat.1 >= 0.0 { 0.0 } else { lat.0.abs().min(lat.1.abs()).to_radians() };

@@ -12,7 +12,7 @@ use crate::{AnomalyGrid, Crs, GridHeight, LineType, ReadError};
 pub struct SurveyPointSet {
     /// The projection of eastings and northings.
     pub crs: Crs,
-    /// Eastings, in metres for every unit of the projection.
+    /// Eastings, in metres whichever unit the projection has.
     pub easting_m: Vec<f64>,
     /// Northings, in metres.
     pub northing_m: Vec<f64>,
