@@ -7,7 +7,7 @@ use schemas::Fault;
 /// The identifier of rows without an identifier.
 pub const MISSING: &str = "(missing)";
 
-/// A line with all its rows; or rows without a line, which have no parts.
+/// A line with all its rows, or rows that belong to no line; `parts` is then empty.
 pub struct LineBatches {
     /// Flight.
     pub flight: String,
@@ -41,7 +41,7 @@ pub struct LineAssembly<'a> {
 }
 
 impl<'a> LineAssembly<'a> {
-    /// No line yet, of a file that is read with these options.
+    /// Creates an assembly without lines, for a file that is read with these options.
     pub fn new(options: &'a FlightOptions) -> LineAssembly<'a> {
         LineAssembly { options, open: None, gap: None, gaps: vec![], row: 0 }
     }
@@ -92,7 +92,7 @@ impl<'a> LineAssembly<'a> {
             let (flight, line) = (flight.to_owned(), line.to_owned());
             done = self.open.replace(LineBatches { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
-            // The same line has rows on both sides, so the line is incomplete without the rows between.
+            // The rows without an identifier lie between rows of this line, so the line is incomplete without them.
             let row = open.rows as u64;
             let fault = gap_fault(self.options, &gap).in_row(row);
             open.fault.get_or_insert(fault);

@@ -1,6 +1,6 @@
 //! Figures of the quality of a line's data: sampling, dropouts, spikes, noise, quantisation, saturation and stuck
-//! channels of each column, and dead zones and lags of magnetometers. Each check is one file with one function of
-//! numbers.
+//! channels of each column, and dead zones and lags of magnetometers. Each check is one file with one function, which
+//! processes plain numbers.
 
 mod dead_zone;
 mod dropouts;

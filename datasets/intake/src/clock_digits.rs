@@ -8,7 +8,8 @@ const USUAL: f64 = 0.25;
 /// Minimum jump of the digits at the end of a minute, minus the step.
 const SKIPPED: f64 = 30.0;
 
-/// The first row after a minute or an hour, if the numbers are times of a day in digits; `None` for seconds.
+/// The first row after the end of a minute or an hour, if the numbers are clock times written as digits; `None` for
+/// seconds.
 ///
 /// All last and second last pairs of digits are below 60. The numbers jump by 40 or more to the next minute or hour,
 /// while the clock keeps its usual step. Missing numbers (NaN) are ignored.
@@ -21,7 +22,7 @@ pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     let steps: Vec<(f64, f64)> = known.windows(2).map(step).collect();
     let mut jumps: Vec<f64> = steps.iter().map(|(jump, _)| *jump).filter(|jump| *jump > 0.0).collect();
     let mut real: Vec<f64> = steps.iter().map(|(_, real)| *real).filter(|real| *real > 0.0).collect();
-    // Steps of half a minute jump by 30 and 70 in turn.
+    // With steps of half a minute, the numbers jump by 30 and 70 alternately.
     jumps.sort_by(f64::total_cmp);
     let least = jumps.get(jumps.len() / 4).copied()?;
     let usual = statistics::median(&mut real);
@@ -41,13 +42,14 @@ fn seconds(x: f64) -> Option<f64> {
     fits.then_some(3600.0 * hours + 60.0 * minutes + s + (x - whole))
 }
 
-/// The `format` with which a mapping reads the numbers: hours and minutes if the numbers permit it.
+/// The possible values of the key `format` for the numbers, as text for a message. They include `%H%M` if all numbers
+/// are whole and below 2400.
 pub fn formats(numbers: &[f64]) -> &'static str {
     let minutes = numbers.iter().filter(|x| x.is_finite()).all(|x| *x < 2400.0 && x.fract() == 0.0);
     if minutes { "`%H%M` for hhmm, `%H%M%S` for hhmmss" } else { "`%H%M%S%.f`" }
 }
 
-/// The message on such a column.
+/// The message about a column of clock times written as digits.
 pub const WHAT: &str = "the times are clock times written as digits (hhmmss), not seconds: no pair of digits reaches \
                         60, and the numbers jump at the end of each minute";
 
@@ -55,7 +57,7 @@ pub const WHAT: &str = "the times are clock times written as digits (hhmmss), no
 mod tests {
     use super::*;
 
-    /// Times in digits of a clock that starts at `from_s` and has `n` steps.
+    /// Clock times written as digits: `n` times in steps of `step_s`, the first at `from_s`.
     fn digits(from_s: f64, step_s: f64, n: usize) -> Vec<f64> {
         let one = |i: usize| {
             let s = ((from_s + step_s * i as f64) * 10.0).round() / 10.0 % DAY_S;

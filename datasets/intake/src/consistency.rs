@@ -96,7 +96,7 @@ impl<'a> ConsistencyLine<'a> {
     }
 }
 
-/// The middle of the values; NaN without values.
+/// The median of the values; NaN without values.
 fn median(mut values: Vec<f64>) -> f64 {
     statistics::median(&mut values)
 }
@@ -138,8 +138,8 @@ fn ins_distance(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (ins_lat, ins_lon) = (line.get("ins_lat")?, line.get("ins_lon")?);
     let far = |i: &usize| {
         let (a, b) = ((lat[*i], lon[*i]), (ins_lat[*i], ins_lon[*i]));
-        // Differences within 3 degrees in each coordinate are below the limit, so no trigonometric functions are
-        // evaluated.
+        // If the differences of the two coordinates add up to less than 3 degrees, the distance is below the limit, and
+        // no trigonometric functions are evaluated.
         let (north, east) = ((a.0 - b.0).abs(), (a.1 - b.1).abs());
         north + east >= 3.0 && distance_km(a, b) > INS_KM
     };
@@ -178,8 +178,8 @@ fn round(x: f64) -> f64 {
     (x * 100.0).round() / 100.0
 }
 
-/// Fault of slow positions within a few degrees of 0, 0, which are in radians. That area is open ocean, where no
-/// aircraft flies so slowly.
+/// Fault of positions that are in radians: they lie within a few degrees of 0, 0 and move slowly. That area is open
+/// ocean, where no aircraft flies so slowly.
 fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     if !both_could_be_radians(lat, lon) {
@@ -187,7 +187,8 @@ fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<
     }
     let all = chords([tt, lat, lon], None, motion::CHORD_S);
     let speed = mean_speed(&all, |c| c.moved);
-    // A standing aircraft is not a unit error; 5 m/s in radians are 290 m/s.
+    // A stationary aircraft does not indicate a wrong unit. If the positions are in radians, an apparent 5 m/s is 290
+    // m/s.
     if all.len() < 3 || !(0.05..5.0).contains(&speed) {
         return None;
     }
@@ -214,7 +215,8 @@ fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
             continue;
         }
         let Some(last) = before.replace(i) else { continue };
-        // Half a degree is below the limit, so no trigonometric functions are evaluated.
+        // If both differences are below half a degree, the jump is below the limit, and no trigonometric functions are
+        // evaluated.
         if (lat[i] - lat[last]).abs() < 0.5 && (lon[i] - lon[last]).abs() < 0.5 {
             continue;
         }
@@ -258,8 +260,8 @@ fn heights(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     None
 }
 
-/// Whether two heights change equally, so that both have the same unit and differ by a constant, such as for a
-/// barometer that is set to 0 on the ground.
+/// Whether two heights change by the same amount. They then have the same unit and differ only by a constant, as when a
+/// barometer is set to 0 on the ground.
 fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
     let column = |x: &[f64]| rows.iter().map(|i| x[*i]).collect::<Vec<f64>>();
     let (a, b) = (column(a), column(b));

@@ -29,7 +29,7 @@ pub const VERSION: &str = "found lines 2";
 /// Lines detected in a flight, with its motion and segments.
 #[derive(Clone, Debug)]
 pub struct LineDetection {
-    /// Motion of the flight at even times.
+    /// Motion of the flight at evenly spaced times.
     pub motion: FlightMotion,
     /// Segments.
     pub parts: FlightSegments,
@@ -61,8 +61,8 @@ impl LineDetection {
         self.lines.iter().map(one).collect()
     }
 
-    /// Replaces the detected lines by `lines`: name, first and last time, in seconds past midnight UTC. The name
-    /// determines the kind by its first letters.
+    /// Replaces the detected lines by `lines`: name, first and last time, in seconds past midnight UTC. The first
+    /// letters of the name determine the kind.
     pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
         let tt = &self.motion.tt_s;
         let one = |(name, from, to): &(String, f64, f64)| {
@@ -93,7 +93,7 @@ impl LineDetection {
     }
 }
 
-/// The lines of flights as a table of lines, in CSV. Columns after the first four are informative.
+/// The lines of flights as a table of lines, in CSV. The columns after the first four are for information only.
 pub fn csv(flights: &[(String, LineDetection)]) -> String {
     let mut text = "flight,line,t_start,t_end,kind,heading_deg,length_m,alt_m,manoeuvres\n".to_owned();
     for (flight, found) in flights {

@@ -93,7 +93,7 @@ impl FileColumns {
         FileColumns { mapping, ..self }
     }
 
-    /// The file's name of the column `ours`.
+    /// The file's name for the column `ours`.
     pub fn name<'a>(&'a self, ours: &'a str) -> &'a str {
         self.columns.get(ours).map_or(ours, |(name, _)| name)
     }

@@ -154,7 +154,7 @@ impl Mapping {
         ReadError::spec(Path::new(&self.label), &self.text, &faults)
     }
 
-    /// A fault that the data of a file cause in the mapping.
+    /// A fault of the mapping that only the data of a file reveal.
     fn in_data(&self, path: &Path, fault: Fault) -> ReadError {
         if fault.at.is_none() {
             return ReadError::data(path, fault.to_string());
@@ -244,7 +244,8 @@ impl MappingTable {
         let mut log = self.open_once(path, (options, &raw), reading, formats)?;
         let repeated_rows = repeated_rows(decl).map_err(|fault| self.mapping.wrong(vec![fault]))?;
         if repeated_rows != RepeatedRows::Keep {
-            // The number of these rows is known after all rows are read, but is reported before.
+            // The number of these rows is reported before the rows are returned, so all rows are read here once to
+            // count them.
             let (_, rows) = self.rows(path, (options, &raw), reading, formats)?;
             let count = rows.repeated();
             for part in rows {
@@ -322,7 +323,7 @@ impl MappingTable {
     }
 }
 
-/// Treatment of rows of a table with the time of the previous row.
+/// Treatment of rows of a table that repeat the time of the previous row.
 ///
 /// # Errors
 /// Fails for a table that both drops and moves them.

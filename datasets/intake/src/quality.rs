@@ -2,8 +2,8 @@
 //! make the line unusable.
 //!
 //! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
-//! values; each of these kinds is a finding. An impossible position, attitude or date, and a sensor that is impossible
-//! for more than a tenth of its samples, is a fault.
+//! values; each of these kinds is a finding. An impossible position, attitude or date is a fault. A sensor with
+//! impossible values in more than a tenth of its samples is also a fault.
 
 use std::sync::Arc;
 

@@ -38,7 +38,7 @@ const OUTSIDE: f64 = 0.1;
 const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
 
 /// The dead zone of a magnetometer with the lost samples `lost`, from the components of the field in the body frame
-/// (any unit). `None` if losses do not depend on the direction, or nearly all or no samples are lost.
+/// (any unit). `None` if losses do not depend on the direction, or if no samples or nearly all of them are lost.
 pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
     let [x, y, z] = field;
     let rows = lost.iter().zip(x).zip(y).zip(z).enumerate();

@@ -1,7 +1,7 @@
 //! Evenly spaced over-represented values of a sensor.
 //!
-//! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights,
-//! so that the histogram has sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7 to 3.9]. This is not
+//! On all flights of a real drone, a third of the samples of the scalar magnetometers lie close to evenly spaced
+//! values, so the histogram has sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7 to 3.9]. This is not
 //! quantisation, because the other samples lie between these values. The check looks for evenly spaced peaks of the
 //! histogram.
 
@@ -146,7 +146,8 @@ mod tests {
     fn unit_evenly_spaced_values_of_a_third_of_the_samples_are_found() {
         let mut normals = NormalGenerator::new(11);
         for step in [2.0, 3.7] {
-            // Near a preferred value, the sensor gives that value plus some noise: a third of all samples.
+            // A third of all samples are near a preferred value; for these, the sensor gives that value plus some
+            // noise.
             let stuck = |x: f64, noise: f64| {
                 let near = (x / step).round() * step;
                 if (x - near).abs() < step / 6.0 { near + 0.01 * noise } else { x }

@@ -46,7 +46,7 @@ pub struct ValueResolution {
 }
 
 impl ValueResolution {
-    /// Resolution of values on a grid of `step`, or without a grid.
+    /// Resolution of values on a grid of `step`, or of values that are not on a grid.
     pub fn new(values: &[f64], step: Option<f64>) -> Self {
         let size = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |a, x| a.max(x.abs()));
         // The coefficients of the difference, regardless of sign, add up to 16.

@@ -1,9 +1,9 @@
-//! Parts of a line that the figures of a column concern.
+//! Parts of a line to which the figures of a column refer.
 
 use super::{QualityFigure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
-/// First and last times of the parts of a column that a figure concerns, in seconds; empty for a figure of the whole
-/// column. Infinities, readings of 0 and impossible values count as missing.
+/// Start and end times, in seconds, of the parts of a column to which a figure refers; empty if the figure refers to
+/// the whole column. Infinities, readings of 0 and impossible values count as missing.
 pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
     let rows = match figure {
         QualityFigure::Dropouts => dropouts::stretches(values),

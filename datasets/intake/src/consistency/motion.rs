@@ -15,11 +15,11 @@ const SHORT_CHORD_S: f64 = 1.0;
 const SHORT_MOVING_MPS: f64 = 15.0;
 /// A pause between samples that ends a chord.
 const PAUSE_S: f64 = 5.0;
-/// Fraction of the distance flown by which positions and velocities must disagree for a fault, and fraction within
-/// which they must agree in another unit.
+/// Fractions of the distance flown. A disagreement of positions and velocities by the first fraction is a fault if they
+/// agree within the second fraction in another unit.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
-/// Ratio of the distances that is impossible even without an explanation.
+/// Ratio of the two mean speeds above which a disagreement is a fault even if no other unit explains it.
 const RATIO: f64 = 5.0;
 /// A chord with a smaller change of height gives no information on the vertical velocity.
 const CLIMB_M: f64 = 15.0;
@@ -40,7 +40,7 @@ pub struct MotionChord {
     pub integrated: [f64; 2],
 }
 
-/// Chords of at least `chord_s` of time, latitude and longitude; without velocities `integrated` is zero.
+/// Chords of at least `chord_s`, from times, latitudes and longitudes; without velocities `integrated` is zero.
 pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut integrated) = (0, [0.0; 2]);

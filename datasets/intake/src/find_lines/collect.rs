@@ -24,7 +24,7 @@ struct TimedTriples {
 }
 
 impl TimedTriples {
-    /// Number of rows with the first two values.
+    /// Number of rows in which the first two values are known.
     fn known(&self) -> usize {
         self.rows.iter().filter(|[_, a, b, _]| a.is_finite() && b.is_finite()).count()
     }

@@ -1,4 +1,4 @@
-//! A flight at even times: position, speed, course and attitude.
+//! A flight at evenly spaced times: position, speed, course and attitude.
 
 use numerics::{
     angle::{unwrapped_deg, wrap_deg},
@@ -8,13 +8,13 @@ use numerics::{
 };
 use std::ops::Range;
 
-/// The rate of the even times.
+/// The rate of the evenly spaced times.
 pub const RATE_HZ: f64 = 5.0;
 /// Number of samples of the polynomials whose slopes are the velocity and the turn rate.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
-/// Limits of the speed below which the aircraft is on the ground or hovers: a share of the flight's typical speed, and
-/// a minimum speed.
+/// Speed limits: a share of the flight's typical speed, and a minimum speed. A slower aircraft is on the ground or
+/// hovers.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
 /// Quantile of the speed that counts as typical. The percentile is high, because most of a log may be on the ground.

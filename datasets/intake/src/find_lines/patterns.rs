@@ -75,7 +75,8 @@ const BOX_PART: f64 = 0.75;
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
 /// Maximum distance of a crossing beyond the end of a leg, in legs.
 const BEYOND: f64 = 0.1;
-/// Maximum distance between crossings at one place: share of the distance from the place to the loop, and m.
+/// Maximum distance between crossings at one place: a share of the distance from the place to the loop, and a length in
+/// metres.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
 /// Assumed distance flown to the first loop and from the last loop, relative to the distance from the place to the
@@ -364,7 +365,8 @@ impl SegmentedFlight<'_> {
             off.min(180.0 - off)
         };
         let survey: Vec<&(NorthEast, NorthEast)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
-        // A tie line may begin and end on lines. A leg that crosses the lines beyond their ends connects two lines.
+        // A tie line may begin and end on survey lines. A leg that crosses the survey lines beyond their ends connects
+        // two of them.
         let on = |(_, tie, line): (NorthEast, f64, f64)| {
             (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line)
         };

@@ -5,7 +5,7 @@ use schemas::Fault;
 
 use super::{LineDetection, LinePattern, MotionClass};
 
-/// Classes of a sample that are not kinds of lines.
+/// Classes of samples, in addition to the kinds of lines.
 const SLOW: usize = 0;
 const BETWEEN: usize = 1;
 const MANOEUVRE: usize = 2 + LinePattern::ALL.len();

@@ -16,7 +16,7 @@ pub struct UtcInstant {
     pub s: f64,
 }
 
-/// Days from 0001-01-01, day 1 of the calendar that `chrono` counts, to 1970-01-01.
+/// Number of the day 1970-01-01 in `chrono`, which counts 0001-01-01 as day 1.
 const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
@@ -223,8 +223,8 @@ impl TimeTextFormat {
     }
 }
 
-/// Digits before the decimal point of a number in a format: 6 for `%H%M%S%.f`. `None` if the format holds anything but
-/// digits and a fraction at the end of the format.
+/// Digits before the decimal point of a number in a format: 6 for `%H%M%S%.f`. `None` if the format contains anything
+/// but digits, optionally followed by a fraction.
 pub fn digits_of(format: &str) -> Option<usize> {
     use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
     let (mut digits, mut fraction) = (0, false);

@@ -243,8 +243,8 @@ params! {
     others: bool, unit "", default false;
     /// Whether to drop a row with the same time as the previous row. A note gives the number of dropped rows.
     drop_repeated: bool, unit "", default false;
-    /// The rate of rows that repeat the time of the previous row, such as rows at 10 Hz with times in whole seconds.
-    /// They follow the first row of that time at this rate. A note has the number of these rows.
+    /// The rate of rows that repeat the time of the previous row, such as 10 Hz for rows with times in whole seconds.
+    /// These rows follow the first row of that time at this rate. A note gives their number.
     repeated_rate_hz: Option<f64>, unit "Hz", default None, absent "repeated times remain", rule Rule::Positive;
 }
 

@@ -26,7 +26,8 @@ pub struct MappingFit {
     pub tables: Vec<String>,
     /// The names of its other tables.
     pub missing: Vec<String>,
-    /// Whether the mapping requires a start time that the log does not contain, such as a log without a GNSS fix.
+    /// Whether the mapping requires a start time that the log does not contain, for example because the log has no GNSS
+    /// fix.
     pub lacks_start: bool,
 }
 

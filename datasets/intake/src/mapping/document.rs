@@ -145,7 +145,7 @@ impl MappingParser {
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return None;
         };
-        // The header represents the table: only inline tables have known bytes.
+        // Faults of the whole table are shown at its header, because only an inline table has a known byte range.
         let at = given.key_at.clone();
         let of_mapping = |key: &str| section.keys.get(key).or(root.keys.get(key)).cloned();
         let lists = self.lists.clone();

@@ -37,7 +37,7 @@ pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
 /// Instant at which the clock of `log` was 0.
 ///
 /// # Errors
-/// Fails for an epoch that the mapping lacks, or a topic without a valid time.
+/// Fails if the mapping has no epoch, or if the topic has no valid time.
 pub fn find(
     mapping: &Mapping,
     decl: &TableDecl,
@@ -106,7 +106,7 @@ pub fn find(
         for (row, (time, own)) in times.iter().zip(&own).enumerate() {
             let is_kept = kept.as_ref().is_none_or(|k| k.get(row).copied().unwrap_or(false));
             let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
-            // A time that is repeated until the next fix is valid only in the first row.
+            // If a time is repeated until the next fix, only its first row is valid.
             if last.replace(*time) != Some(*time) {
                 starts.push(time.plus(-(own + declared.boot_offset_s)));
             }

@@ -17,7 +17,7 @@ use super::{
     time::{RowTimes, TimeParseError},
 };
 
-/// Treatment of rows with the time of the previous row.
+/// Treatment of rows that repeat the time of the previous row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RepeatedRows {
     /// Their time remains.

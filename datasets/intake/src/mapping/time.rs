@@ -82,7 +82,7 @@ pub struct TableClock {
     zone_s: Option<f64>,
     /// The local date of the next row, for a clock that counts from midnight.
     day: Option<i64>,
-    /// The last time of the day.
+    /// The last time of day that was not missing, in seconds.
     last_s: f64,
 }
 
@@ -307,7 +307,7 @@ fn second_zone(what: &str) -> Fault {
     Fault::data(format!("{what}; `zone` has no effect")).help("remove `zone`")
 }
 
-/// The fault of a clock of the day whose numbers are digits.
+/// The fault of a time of day that is written as digits instead of seconds.
 fn in_digits(numbers: &[f64], row: usize) -> Fault {
     let at = numbers.get(row).copied().unwrap_or(f64::NAN);
     let help = format!("use `clock = \"text\"` with `format` = {}, and remove `unit`", clock_digits::formats(numbers));

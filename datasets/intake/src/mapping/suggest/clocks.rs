@@ -34,7 +34,7 @@ impl ClockGuess {
     }
 }
 
-/// Minimum number of steps of a time that is recognised without its name.
+/// Minimum number of time steps of a time column that is recognised without a common name.
 const LEAST_STEPS: usize = 50;
 
 /// Names of time columns, the most likely first.
@@ -279,7 +279,7 @@ fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str
     }
 }
 
-/// Epoch of a log: a topic that holds both a GPS week, or Unix time, and the log's own clock.
+/// Epoch of a log: a topic that holds the log's own clock together with a GPS week or Unix time.
 pub fn epoch_of(topics: &[TopicSample]) -> String {
     for topic in topics {
         if let Some(text) = of_topic(topic) {

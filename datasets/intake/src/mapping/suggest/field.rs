@@ -54,7 +54,7 @@ const OTHER_VECTORS: [&str; 20] = [
     "angular",
     "w",
 ];
-/// Words of columns that are near a total field, but not the reading of the magnetometer.
+/// Words in the names of columns whose values are close to a total field, but are not the reading of the magnetometer.
 const DERIVED: [&str; 18] = [
     "x",
     "y",

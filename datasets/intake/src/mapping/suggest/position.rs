@@ -116,8 +116,8 @@ impl<'a> KnownSystem<'a> {
         }
     }
 
-    /// EPSG code of the system of a position in metres, and the reason: the given system, or a system of the map in
-    /// which the position is on the map.
+    /// EPSG code of the system of a position in metres, and the reason: the given system, or else the map's own system
+    /// or UTM zone if the position in it lies on the map.
     fn of_position(&self, x_m: f64, y_m: f64) -> Option<(u16, String)> {
         match self {
             KnownSystem::Unknown => None,
@@ -138,7 +138,7 @@ impl<'a> KnownSystem<'a> {
     }
 }
 
-/// Whether the name of a column is one of two letters, such as `X` or `UTM_X`.
+/// Whether the name of a column is one of `letters`, alone (`X`) or with words for a coordinate system (`UTM_X`).
 fn is_letter(column: &ColumnSample, letters: [&str; 2]) -> bool {
     const SYSTEM: [&str; 6] = ["utm", "coord", "coordinate", "pos", "mga", "m"];
     let words = column.words();

@@ -15,7 +15,7 @@ pub enum RepeatedTimes {
     AtRate(f64),
 }
 
-/// Largest number of rows per time, relative to its median, for which the rows have a rate.
+/// The rows have a rate only if the largest number of rows per time is at most this multiple of the median number.
 const EVEN: f64 = 1.25;
 
 impl RepeatedTimes {
@@ -37,8 +37,8 @@ impl RepeatedTimes {
     }
 }
 
-/// Rate, in Hz, at which all rows of a time are before the next time, if most times have about as many rows. The first
-/// and the last time may have fewer rows.
+/// Lowest rate, in Hz, at which all rows with one time come before the next time; `None` if the numbers of rows per
+/// time differ too much. The first and the last time may have fewer rows.
 fn rate_hz(times_s: &[f64]) -> Option<f64> {
     let mut runs: Vec<(f64, f64)> = vec![];
     for time in times_s {
@@ -61,7 +61,7 @@ fn rate_hz(times_s: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Times at a resolution of 1 s of rows at a rate, from a start.
+    /// Times of rows at a given rate from a given start, rounded down to whole seconds.
     fn coarse(rate_hz: f64, start_s: f64, rows: usize) -> Vec<f64> {
         (0..rows).map(|row| (start_s + row as f64 / rate_hz).floor()).collect()
     }
