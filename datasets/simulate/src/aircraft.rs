@@ -24,7 +24,7 @@ mod sensors;
 pub(super) mod spec;
 mod wires;
 
-/// The steps of the turn before a line.
+/// Number of steps of the turn before a line.
 const TURN_STEPS: u32 = 72;
 
 const AXES: [&str; 3] = ["x", "y", "z"];

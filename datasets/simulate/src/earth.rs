@@ -74,7 +74,7 @@ pub(super) struct LineEarthField {
     pub(super) core_nt: Vec<f64>,
     /// The temporal variation along the core field, as a base station records it.
     pub(super) diurnal_nt: Vec<f64>,
-    /// The change of the magnitude of the core field by the crustal field.
+    /// The change that the crustal field causes in the magnitude of the core field.
     pub(super) anomaly_nt: Vec<f64>,
     /// The whole field in the body frame.
     pub(super) body_nt: Vec<Vector3<f64>>,

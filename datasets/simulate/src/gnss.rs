@@ -92,7 +92,7 @@ mod tests {
             let square = |row: &usize| (m * (columns[column][*row] - of[*row])).powi(2);
             (fixes.iter().map(square).sum::<f64>() / fixes.len() as f64).sqrt()
         };
-        // About 400 draws: a standard deviation to 3.5 % (one sigma).
+        // About 400 draws determine a standard deviation to 3.5 % (one sigma).
         let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.12;
         assert!(near(scatter(0, &truth.lat_deg, 110_740.0), 3.0) && near(scatter(1, &truth.lon_deg, 103_300.0), 3.0));
         assert!(near(scatter(2, &truth.alt_m, 1.0), 4.0) && near(scatter(4, &truth.velocity_mps[1], 1.0), 0.2));

@@ -276,8 +276,8 @@ struct SteadyAttitude {
     heading_rad: f64,
 }
 
-/// The attitude at a node: no sideslip, no lateral force, and the angle of attack of the load factor and the airspeed.
-/// The search begins at a nearby roll.
+/// The attitude at a node: no sideslip, no lateral force, and the angle of attack that follows from the load factor and
+/// the airspeed. The search begins at a nearby roll.
 fn steady(position: &[QuinticSpline; 3], k: usize, roll_rad: f64, plan: &TrajectoryPlan) -> SteadyAttitude {
     let [lat, lon, alt] = position.each_ref().map(|curve| {
         let (first, second) = slopes(&curve.nodes, k);
@@ -311,7 +311,7 @@ fn coordinated(
     for _ in 0..8 {
         let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();
-        // The velocity's vertical part, with the velocity in the body's plane of symmetry.
+        // The vertical part of the velocity before pitching; the velocity lies in the body's plane of symmetry.
         let lifted = sin_attack * cos_roll;
         pitch = (sin_climb / cos_attack.hypot(lifted)).asin() + lifted.atan2(cos_attack);
         let (sin_pitch, cos_pitch) = pitch.sin_cos();

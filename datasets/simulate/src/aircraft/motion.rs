@@ -91,8 +91,8 @@ mod tests {
                 let h = 0.1;
                 let rate = (on_board.followed_at(t + h, tau_s) - on_board.followed_at(t - h, tau_s)) / (2.0 * h);
                 let rest = tau_s * rate + on_board.followed_at(t, tau_s) - on_board.at(t);
-                // Rounding of 1e-13 divided by 5e-6 near equal time constants, and 1e-9 from the third derivative in
-                // the differences.
+                // The tolerance covers a rounding error of 1e-13, divided by 5e-6 near equal time constants, and an
+                // error of the differences of 1e-9 due to the third derivative.
                 assert!(rest.abs() < 1e-4, "{tau_s} {t}: {rest}");
             }
         }

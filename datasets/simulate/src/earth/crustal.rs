@@ -1,8 +1,8 @@
 //! The crustal field as a vector, from a map of the total field anomaly.
 //!
-//! A level map gives the change of the magnitude of the core field by the crustal field b. To first order this is the
-//! component T of b along the core field. If all sources lie below, b is the gradient of a harmonic potential, and T
-//! determines b at each wavenumber separately ([`MapSpectrum::components`], the stable form of MagNav.jl's
+//! A level map gives the change that the crustal field b causes in the magnitude of the core field. To first order this
+//! is the component T of b along the core field. If all sources lie below, b is the gradient of a harmonic potential,
+//! and T determines b at each wavenumber separately ([`MapSpectrum::components`], the stable form of MagNav.jl's
 //! `vector_fft`).
 //!
 //! This computation uses one direction of the core field for the whole map, although the direction changes by a degree

@@ -138,8 +138,8 @@ impl QuietDay {
     }
 }
 
-/// North, east and down of the field of a distant ring current that is northward and of magnitude 1 at the geomagnetic
-/// equator.
+/// North, east and down components of the field of a distant ring current. At the geomagnetic equator, this field is
+/// northward and has the magnitude 1.
 pub(super) fn ring_current(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
     /// The northern pole of the earth's dipole axis. [IGRF-14, 2020]
     const POLE_DEG: (f64, f64) = (80.65, -72.68);

@@ -1,4 +1,5 @@
-//! Tables with a key that chooses the kind. Each kind has separate keys, and the keys that all kinds have in common.
+//! Tables with a key that chooses the kind. The keys of a kind are its particular keys and the keys that all kinds have
+//! in common.
 
 use std::sync::Arc;
 

@@ -10,8 +10,8 @@ pub(super) struct QuinticSpline {
     pub(super) nodes: Vec<f64>,
 }
 
-/// First and second derivative at node k in units of the spacing, of the polynomial of fourth degree
-/// through the five nodes around it.
+/// First and second derivative at node k, in units of the spacing. They are the derivatives of the fourth-degree
+/// polynomial through the five nodes around this node.
 pub(super) fn slopes(nodes: &[f64], k: usize) -> (f64, f64) {
     let [a, b, c, d, e] =
         [k.wrapping_sub(2), k.wrapping_sub(1), k, k + 1, k + 2].map(|i| nodes.get(i).copied().unwrap_or(f64::NAN));

@@ -64,8 +64,8 @@ impl RoutePosition {
         place
     }
 
-    /// Position reached by `ahead_m` along the geodesic from this position and then `right_m` perpendicularly to its
-    /// right. The course at that position is parallel to the present course.
+    /// Position after `ahead_m` along the geodesic from this position, then `right_m` at a right angle to the right.
+    /// The course at that position is parallel to the present course.
     pub(super) fn offset(&self, ahead_m: f64, right_m: f64) -> Self {
         const STEP_M: f64 = 1000.0;
         let quarter = TAU / 4.0;

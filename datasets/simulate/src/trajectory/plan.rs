@@ -230,7 +230,7 @@ impl RouteFollower<'_> {
     }
 }
 
-/// The largest speed of a line over ground.
+/// Upper bound of the speed over ground on a line, in m/s.
 fn fastest_mps(request: &TrajectoryRequest) -> Result<f64, RouteError> {
     let alts = request.heights.alts_m.as_deref().unwrap_or(&[]);
     let top = if let HorizontalPath::Looping { top_m, .. } = request.path { *top_m } else { request.alt_m };

@@ -53,7 +53,7 @@ impl RouteHeightProfile {
         Self { knots: (0..=steps as usize).map(over).collect(), rounding_m }
     }
 
-    /// Height and slope with corners, and the slope's knot.
+    /// Height (m) and slope at a distance (m), without rounding of the corners.
     fn corners(&self, s: f64) -> (f64, f64) {
         match self.knots.as_slice() {
             [] => (0.0, 0.0),

@@ -61,7 +61,7 @@ pub struct Voltage {
     pub discharge_v_per_h: f64,
     /// White noise of the sensor, in V.
     pub noise_v: f64,
-    /// Step of the recorded values, in V; 0 is none.
+    /// Quantisation step of the recorded values, in V; 0 disables rounding.
     pub resolution_v: f64,
     /// Errors of the column.
     pub channel: ChannelErrors,

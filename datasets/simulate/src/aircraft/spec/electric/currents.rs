@@ -24,7 +24,7 @@ pub struct Current {
     pub noise_a: f64,
     /// Reading of the sensor per ampere.
     pub scale: f64,
-    /// Step of the recorded values, in A; 0 is none.
+    /// Quantisation step of the recorded values, in A; 0 disables rounding.
     pub resolution_a: f64,
     /// Errors of the column.
     pub channel: ChannelErrors,
@@ -51,7 +51,7 @@ pub enum CurrentControl {
         /// The times, in order.
         on_off_s: Vec<[f64; 2]>,
     },
-    /// On for `for_s` every `every_s`, first at `first_s` (0) after the flight's start, such as a strobe.
+    /// On for `for_s` every `every_s`, like a strobe light; the first time `first_s` (0) after the flight's start.
     Periodic {
         /// Period from one start to the next, in seconds.
         every_s: f64,
