@@ -9,11 +9,11 @@ const MANY_GROUPS: usize = 16_384;
 /// Minimum number of rows of the row groups after [`MANY_GROUPS`].
 const LEAST_ROWS_OF_MANY: usize = 131_072;
 
-/// Whether a row group ends after the last line. `rows` is the number of rows of the unfinished row group, `groups` the
-/// number of finished ones.
+/// Whether a row group ends after the line that was written last. `rows` is the number of rows of the unfinished row
+/// group, `groups` the number of finished ones.
 ///
 /// A line of 256 rows or more has a separate row group, so that reading it decodes no other line. After 16,384 row
-/// groups, each has 131,072 rows or more, so that a file holds 2e9 rows.
+/// groups, each has 131,072 rows or more, so a file can hold 2e9 rows.
 pub fn ends_with_line(rows: usize, groups: usize) -> bool {
     rows >= if groups < MANY_GROUPS { LEAST_ROWS } else { LEAST_ROWS_OF_MANY }
 }

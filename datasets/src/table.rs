@@ -78,7 +78,7 @@ impl ColumnTable {
         Some(self.columns.remove(at).1)
     }
 
-    /// Rows of the first column.
+    /// Number of rows of the first column.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |(_, v)| v.len())
     }

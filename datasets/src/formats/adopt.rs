@@ -216,7 +216,7 @@ fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions)
     Ok(field(&name, source.data_type().clone(), unit, role, description))
 }
 
-/// The name and unit of a column with a head such as `alt [ft]`.
+/// The name and unit of a column with a header such as `alt [ft]`.
 ///
 /// # Errors
 /// Returns the errors of [`named`]. Also fails for a unit that does not convert to the unit of the name.
@@ -250,8 +250,8 @@ pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }
 
-/// The values of a column in the unit of its format, and this unit: `counted`, or the canonical unit if `counted` is
-/// empty.
+/// The unit of a column in its format, and the values in this unit. The unit is `counted`, or the canonical unit if
+/// `counted` is empty.
 ///
 /// # Errors
 /// Fails for a unit that does not convert.

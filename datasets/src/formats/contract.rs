@@ -125,7 +125,7 @@ impl FlightReader {
         self.found.as_deref()
     }
 
-    /// The types of the lines by their names, if the file gives them, such as in Geosoft's line records.
+    /// The types of the lines by their names, if the file gives them, as in Geosoft's line records.
     pub fn line_types(&self) -> &BTreeMap<String, LineType> {
         &self.line_types
     }

@@ -1,7 +1,7 @@
 //! Decimal numbers in the bytes of a string, bit-identical to `str::parse`.
 //!
-//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that their product or quotient is
-//! correctly rounded [Clinger 1990]. `str::parse` reads every other spelling.
+//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so their product or quotient is correctly
+//! rounded [Clinger 1990]. `str::parse` reads every other spelling.
 
 /// Number of bytes that must follow a number so that it can be read without bounds checks.
 pub(super) const PAD: usize = 8;
@@ -86,7 +86,7 @@ fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     const ZEROS: u64 = 0x3030_3030_3030_3030;
     while let Some(eight) = text.get(at..).and_then(|t| t.first_chunk::<8>()) {
         let word = u64::from_le_bytes(*eight);
-        // A byte is a digit if both it and it plus 6 are 0x30 to 0x3F.
+        // A byte is a digit if the byte and the byte plus 6 are both in the range 0x30 to 0x3F.
         let other = ((word & HIGH) ^ ZEROS) | ((word.wrapping_add(0x0606_0606_0606_0606) & HIGH) ^ ZEROS);
         let n = (other.trailing_zeros() / 8) as usize;
         if n == 0 {

@@ -15,7 +15,8 @@ use crate::ReadError;
 pub(super) struct DeclinationSample {
     /// North, east and down, in nT.
     pub(super) ned_nt: [f64; 3],
-    /// The declination that was added to the declination of the sample, or the direction of H.
+    /// The baseline: the declination that was added to the sample's declination or, for components H and E, the
+    /// direction of H.
     pub(super) baseline_rad: f64,
     /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,
@@ -29,10 +30,11 @@ pub(super) struct DeclinationSample {
 
 /// Horizontal intensity below which the declination is too uncertain for a comparison, in nT.
 const LEAST_HORIZONTAL_NT: f64 = 2000.0;
-/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, in nT. The crustal anomaly
-/// is smaller at most stations.
+/// A wrong unit or baseline is assumed if the component normal to the IGRF's meridian exceeds this limit, in nT. The
+/// crustal anomaly is smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// Component normal to the IGRF's meridian above which a note is made even without an explanation, in nT.
+/// A note is made, even without an explanation, if the component normal to the IGRF's meridian exceeds this limit, in
+/// nT.
 const REMARKABLE_NT: f64 = 1000.0;
 /// Maximum fraction of that component that may remain if an explanation is valid.
 const EXPLAINED: f64 = 0.25;
@@ -207,7 +209,8 @@ mod tests {
         let hez = "20050.00 30.00 44000.00 48400.00";
         let words = ["H and E are relative", "`field_n` and `field_e` are unknown", "# DECBAS <tenths"];
         unknown(read(VARIATION, "HEZF", hez).unwrap(), &words);
-        // In definitive data, H has no direction either. A missing-value marker is not a baseline.
+        // Without a baseline, the direction of H is unknown in definitive data, too. A missing-value marker is not a
+        // baseline.
         unknown(read(DEFINITIVE, "HEZF", hez).unwrap(), &words);
         unknown(read(&format!("{VARIATION} # DECBAS 99999 |\n"), "HEZF", hez).unwrap(), &words);
         let hdz = "20050.00 5.14 44000.00 48400.00";
@@ -284,7 +287,8 @@ mod tests {
 
     #[test]
     fn ref_the_total_is_that_of_the_scalar_magnetometer() {
-        // INTERMAGNET: S is measured, F of the vector; G is F minus S, and minus S where the vector is missing.
+        // INTERMAGNET: S is measured, and F is computed from the vector. G is F minus S, or minus S where the vector is
+        // missing.
         let total = |components: &str, row: &str| read(DEFINITIVE, components, row).unwrap().total_nt[0];
         assert_eq!(total("DIFS", "267.344 3930.12 48352.4 48400.0"), 48_400.0);
         assert!((total("XYZG", "19989.40 1557.70 44000.00 -47.10") - 48_400.0).abs() < 0.1);

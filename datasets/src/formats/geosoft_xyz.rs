@@ -133,7 +133,7 @@ fn quoted_words(text: &str) -> Vec<String> {
 #[derive(Default)]
 struct GeosoftScan {
     names: Vec<String>,
-    /// Whether each column is of numbers.
+    /// Whether each column holds numbers.
     numbers: Vec<bool>,
     flights: bool,
     /// The line records.
@@ -212,7 +212,7 @@ fn looks_unknown(words: &[String]) -> bool {
     words.len() == 2 && read(words, Some(3)) == LineRecordMatch::Unknown
 }
 
-/// Removes the columns that are not numbers in a row.
+/// Clears the flag of each column whose value in this row is neither a number nor missing.
 fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &MissingMarkers) {
     if columns.is_empty() {
         *columns = vec![true; words.len()];
@@ -228,7 +228,7 @@ impl GeosoftScan {
         !self.lines.is_empty() || self.unknown.is_some()
     }
 
-    /// Whether rows begin with a number, so that a string that begins with a word is not a row.
+    /// Whether rows begin with a number. A line of text that begins with a word is then not a row.
     fn has_numbers_first(&self) -> bool {
         self.numbers.first() == Some(&true)
     }

@@ -126,7 +126,7 @@ impl<'a> FieldCursor<'a> {
     }
 }
 
-/// Values by columns of `height` values each, row by row.
+/// The values row by row, from values that are stored by columns of `height` values.
 pub(super) fn transposed(values: &[f64], height: usize) -> Vec<f64> {
     (0..height).flat_map(|row| values.iter().skip(row).step_by(height)).copied().collect()
 }

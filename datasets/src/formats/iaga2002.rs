@@ -31,10 +31,10 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 /// Values of this size and larger mark missing (99999) or unobserved (88888) components.
 const MISSING: f64 = 88_880.0;
-/// Maximum deviation of a time stamp from its even time, as a fraction of the step.
+/// Maximum deviation of a time stamp from a whole number of steps, in steps.
 const EVENNESS: f64 = 0.01;
 
-/// The record of an observatory at even times.
+/// The record of an observatory at evenly spaced times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservatoryRecord {
     /// The code of the station.

@@ -156,7 +156,7 @@ fn values(line: &str) -> Option<Vec<f64>> {
     values.filter(|v| v.len() == 8 && v.iter().all(|x| x.is_finite()))
 }
 
-/// Tenths of nT as nT, hundredths of minutes of arc as minutes; NaN for a missing value.
+/// Converts tenths of nT to nT, and hundredths of minutes of arc to minutes; NaN for a missing value.
 fn in_unit(digits: f64, letter: char) -> f64 {
     if MISSING.contains(&digits) {
         return f64::NAN;
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use crate::{formats::read_iaga2002, samples};
 
-    /// Hours of a day of Boulder, in this format.
+    /// Some hours of one day at the observatory Boulder, in this format, and the record that they are made from.
     fn boulder(hours: std::ops::Range<usize>) -> (String, ObservatoryRecord) {
         let path = samples::path("boulder/bou20141104vmin.min");
         let text = std::fs::read_to_string(&path).unwrap();

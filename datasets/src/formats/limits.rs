@@ -62,7 +62,7 @@ impl DecodeLimit {
     /// Checks the decoded bytes of the next part of a file, together with those of earlier parts.
     ///
     /// # Errors
-    /// Returns the reason for more bytes than the file may declare.
+    /// Returns the reason for the rejection if there are more bytes than the file may declare.
     pub(super) fn check_next(&self, declared: Option<u64>) -> Result<(), String> {
         let next = self.parts.lock().unwrap_or_else(PoisonError::into_inner).len().to_string();
         self.add(&next, declared)

@@ -73,8 +73,9 @@ pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
     )
 }
 
-/// The names of the lines of a file. If a line that is not of the type `Line` has the number of a line of another type,
-/// the letter of its type precedes its name. For example, `Tie 10` is named T10 in a file with `Line 10`.
+/// The names of the lines of a file. If lines of different types have the same number, all of their names except the
+/// one of the type `Line` begin with the letter of the type. For example, `Tie 10` is named T10 in a file with `Line
+/// 10`.
 #[derive(Debug, Default)]
 pub(super) struct GeosoftLineNames {
     types: BTreeMap<String, BTreeSet<LineType>>,

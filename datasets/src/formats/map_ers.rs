@@ -33,7 +33,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The file of values of a header.
+/// The file that holds the values of a raster, from the raster's header.
 ///
 /// # Errors
 /// Fails for a header that cannot be read.
@@ -160,7 +160,7 @@ impl<'a> ErsHeader<'a> {
     }
 }
 
-/// Datums: their name, the code of their degrees, and the bases of their UTM codes in the north and south.
+/// Datums: name, EPSG code of the system in degrees, and bases of the EPSG codes of UTM zones in the north and south.
 const DATUMS: [(&str, u16, Option<u16>, Option<u16>); 9] = [
     ("WGS84", 4326, Some(32600), Some(32700)),
     ("GDA94", 4283, None, Some(28300)),

@@ -15,7 +15,7 @@ use super::{
 use crate::ReadError;
 use grids::{AnomalyGrid, Registration};
 
-/// Offsets of a TIFF file have 32 bits; a larger one is BigTIFF.
+/// Maximum size of the values in a TIFF file, whose offsets have 32 bits; a larger file is BigTIFF.
 const MOST_BYTES: usize = 4_000_000_000;
 
 /// Values per strip: half a megabyte.

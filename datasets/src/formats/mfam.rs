@@ -1,10 +1,10 @@
 //! The CSV that Geometrics' Survey Manager exports from MagArrow and MFAM loggers: a counter, date and time (UTC),
 //! position, one or two scalar magnetometers, and in some rows the compass, the gyroscopes and GNSS.
 //!
-//! Date and time become `tt`, which continues past midnight, and `year` and `doy` of the first row. A reading of a
-//! magnetometer that its `MagValid` marks as invalid is missing. The compass becomes the vector magnetometer `a` in the
-//! body frame: its X points to starboard, Y aft, Z down. The GNSS height above the sea is `msl`; plus the height of the
-//! geoid it is `alt`. NMEA sentences and events, from the column `GgaSentence` on, are not read.
+//! Date and time become `tt`, which continues past midnight, and `year` and `doy` of the first row. A magnetometer
+//! reading that `MagValid` marks as invalid is missing. The compass becomes the vector magnetometer `a` in the body
+//! frame: its X points to starboard, Y aft, Z down. The GNSS height above the sea is `msl`; the sum of `msl` and the
+//! height of the geoid is `alt`. NMEA sentences and events, from the column `GgaSentence` on, are not read.
 //! [Geometrics, MagArrow User Manual, section Data Format]
 
 use std::path::{Path, PathBuf};

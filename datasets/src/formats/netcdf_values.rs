@@ -186,7 +186,7 @@ impl NetcdfAttributes<'_> {
         matches!(self.get(name), Some(NetcdfAttribute::Numbers(_, true)))
     }
 
-    /// 2 to the power of the bits of an integer whose sign `_Unsigned` changes.
+    /// Number of values of an integer type, 2 to the power of its bits, if `_Unsigned` changes its sign.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
         let unsigned = match self.get("_Unsigned") {
             None => return Ok(None),
@@ -204,7 +204,7 @@ impl NetcdfAttributes<'_> {
     }
 }
 
-/// The bits of a whole number.
+/// The number of bits of an integer type.
 fn bits(kind: &NcType) -> Option<i32> {
     Some(match kind {
         NcType::Byte | NcType::UByte => 8,

@@ -198,7 +198,7 @@ fn word(out: &mut Vec<u8>, value: u32) {
     out.extend(value.to_be_bytes());
 }
 
-/// Appends their number, the bytes, and zeros up to a whole number of words.
+/// Appends `count`, the bytes, and zeros up to a whole number of words.
 fn padded(out: &mut Vec<u8>, count: usize, bytes: &[u8]) -> Result<(), String> {
     word(out, u32::try_from(count).map_err(|_| "an attribute is too long".to_owned())?);
     out.extend(bytes);

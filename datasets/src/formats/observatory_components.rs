@@ -66,7 +66,7 @@ impl ComponentConversion {
         match self {
             ComponentConversion::Xyz(_) => false,
             ComponentConversion::Hez(_) => true,
-            // With unknown data, D may be either.
+            // If the type of the data is unknown, D may or may not be relative.
             ComponentConversion::Hdz(_) | ComponentConversion::Dif(_) => relative != Some(false),
         }
     }

@@ -70,8 +70,8 @@ pub(super) fn implied_unit(name: &str) -> ImpliedUnit {
     implied_by_suffix(name)
 }
 
-/// The name and the unit of a head such as `mag_c [nT]`, as `magline export --units` writes it. Other names with
-/// brackets, such as `Mag [nT]` and `GPS Alt [ft]`, remain whole.
+/// The name and the unit in a column header such as `mag_c [nT]`, as `magline export --units` writes it. Other names
+/// with brackets, such as `Mag [nT]` and `GPS Alt [ft]`, remain whole.
 pub(super) fn split_head(head: &str) -> Option<(&str, &str)> {
     let (name, unit) = head.trim().strip_suffix(']')?.rsplit_once(" [")?;
     let plain = name.starts_with(|c: char| c.is_ascii_lowercase())

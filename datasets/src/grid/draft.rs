@@ -36,7 +36,7 @@ pub(crate) struct MapDraft<'a> {
     pub(crate) level_m: Option<f64>,
     /// The unit of the values, if the file gives it.
     pub(crate) unit: Option<String>,
-    /// The component of the field that the values are; `None` for the total-field anomaly.
+    /// The component of the field that the values represent; `None` for the total-field anomaly.
     pub(crate) component: Option<VectorComponent>,
     /// The unit of the coordinates, if the file gives it.
     pub(crate) axis_unit: Option<AxisUnit>,

@@ -28,7 +28,7 @@ pub(crate) fn is_dummy(value: f64) -> bool {
 /// The usual dummies of integers and tables of text.
 const USUAL: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
 
-/// Minimum distance below all other values at which a usual dummy is recognised, in the unit of the values.
+/// A usual dummy is recognised only if it lies below all other values by this distance, in the unit of the values.
 pub(super) const GAP: f64 = 1000.0;
 
 /// Replaces markers by NaN: those of `given`, infinities, [`is_dummy`], and a usual dummy that is the lowest value and

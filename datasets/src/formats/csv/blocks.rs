@@ -1,4 +1,4 @@
-//! A string in blocks that begin and end with its records.
+//! Text in blocks of whole records.
 
 use std::io::{self, Read};
 
@@ -27,7 +27,7 @@ pub(super) struct CsvBlock {
 }
 
 impl CsvBlock {
-    /// The records with their terminators, and some more newlines.
+    /// The records with their terminators, followed by newlines.
     pub(super) fn text(&self) -> &[u8] {
         &self.text
     }

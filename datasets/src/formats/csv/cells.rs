@@ -67,7 +67,7 @@ fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
             at += 1;
         }
     }
-    // After a closing quote, as without quotes, a quote is an ordinary character.
+    // After a closing quote, and in a cell that does not begin with a quote, a quote is an ordinary character.
     let rest = text.get(at..).unwrap_or_default();
     let length = rest.iter().position(|b| *b == b',' || ends_record(*b)).unwrap_or(rest.len());
     put(&rest[..length]);

@@ -166,7 +166,7 @@ impl CsvScan {
     }
 }
 
-/// One result for each of some blocks, computed in parallel.
+/// One result per block, computed in parallel.
 pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T + Send + Sync) -> Vec<T> {
     match blocks {
         // A thread pool is not used here, because it would give this thread unrelated work.

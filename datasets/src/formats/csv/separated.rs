@@ -285,7 +285,7 @@ fn decimal(sign: &mut DecimalSign, cell: &[u8], line: u64) -> io::Result<Option<
     }
 }
 
-/// The decimal sign of a number with exactly one; `None` for other strings.
+/// The decimal sign of a number that has exactly one such sign; `None` for other strings.
 fn decimal_sign(cell: &[u8]) -> Option<u8> {
     let at = cell.iter().position(|b| matches!(b, b'.' | b','))?;
     let number: Vec<u8> = cell.iter().enumerate().map(|(i, b)| if i == at { b'.' } else { *b }).collect();

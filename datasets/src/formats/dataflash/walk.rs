@@ -97,7 +97,7 @@ pub(super) struct DataflashScanState {
     names: HashMap<String, usize>,
     pub(super) topics: Vec<DataflashTopic>,
     pub(super) damage: Damage,
-    /// Bytes of a message that ends with the file.
+    /// Bytes of a message that the end of the file truncates.
     pub(super) cut: u64,
     /// Messages of types without a definition.
     pub(super) unknown: u64,
@@ -114,7 +114,7 @@ pub(super) struct DataflashScanState {
 enum DataflashMatch {
     /// A message of this length.
     Message(usize),
-    /// The start of a message that ends with the file.
+    /// The start of a message that the end of the file truncates.
     Cut,
     /// Marks, and a type that is not defined.
     Unknown,

@@ -113,7 +113,7 @@ pub(super) struct UlogScanState {
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
     pub(super) damage: Damage,
-    /// Bytes of messages that end with the file, or where data were appended.
+    /// Bytes of messages that are truncated at the end of the file, or where data were appended.
     pub(super) cut: u64,
     /// Messages of ids or types without a definition.
     pub(super) unknown: u64,
@@ -130,7 +130,7 @@ enum UlogMatch {
     Unsure(usize),
     /// A possible data message of this length, which does not match the definition of its id.
     Misfit(usize),
-    /// The start of a message that ends with the file.
+    /// The start of a message that the end of the file truncates.
     Cut,
     Nothing,
 }
@@ -256,7 +256,7 @@ impl UlogScanState {
         self.subscriptions.get(*self.ids.get(usize::from(id))? as usize)
     }
 
-    /// Classification of the first bytes; they end with the file or the section, or hold a whole message.
+    /// Classification of the first bytes. `bytes` holds a whole message, or extends to the end of the file or section.
     #[inline]
     fn found(&self, bytes: &[u8]) -> UlogMatch {
         let Some((size, kind)) = size_of(bytes) else {
