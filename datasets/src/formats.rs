@@ -91,7 +91,7 @@ pub use output::{check_output, write_grid};
 pub use points::{PointOptions, doubts, read_points};
 pub use topics::{LogTopic, RawReader, TopicColumn, open_raw, open_raw_among, topics, topics_among};
 
-/// The flight formats of files, in the order in which a file is tried.
+/// The flight formats of files, in the order in which they are tried.
 pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     parquet::FORMAT,
     ulog::FORMAT,
@@ -109,14 +109,14 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     points_flight::FORMAT,
 ];
 
-/// The formats of files and the `further` formats, in the order in which a file is tried. The `further` formats come
+/// The formats of files and the `further` formats, in the order in which they are tried. The `further` formats come
 /// after Parquet, whose files are self-describing, and before the formats that are recognised by their text.
 pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
     let (parquet, others) = FLIGHT_FORMATS.split_at(1);
     [parquet, further, others].concat()
 }
 
-/// The map formats, in the order in which a file is tried.
+/// The map formats, in the order in which they are tried.
 pub const MAP_FORMATS: &[MapFormat] = &[
     map_parquet::FORMAT,
     map_geotiff::FORMAT,

@@ -22,7 +22,7 @@ pub fn ends_with_line(rows: usize, groups: usize) -> bool {
 mod tests {
     use super::*;
 
-    /// The number of row groups of a file of `lines` lines of `rows` rows each.
+    /// The number of row groups in a file with `lines` lines, each of `rows` rows.
     fn groups(lines: usize, rows: usize) -> usize {
         let (mut groups, mut unfinished) = (0, 0);
         for _ in 0..lines {

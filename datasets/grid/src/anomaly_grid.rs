@@ -20,7 +20,7 @@ pub enum GridHeight {
     Cells(Vec<f64>),
 }
 
-/// The meaning of the coordinates in a file. In an [`AnomalyGrid`] the values are always the coordinates of the nodes.
+/// The meaning of the coordinates in a file. In an [`AnomalyGrid`], coordinates always refer to the nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
     /// Grid-registered: the outermost nodes lie on the edge of the map.
@@ -254,7 +254,7 @@ impl AnomalyGrid {
         PlaneGrid { east_m, north_m, values: self.anomaly_nt.clone() }
     }
 
-    /// The same map with other values, one per node, row by row from the south, and without errors of the nodes.
+    /// The same map with other values, one per node, row by row from the south. The errors of the nodes are dropped.
     ///
     /// # Errors
     /// Fails for values that differ in number from the nodes, infinite values, or a map without a known value.

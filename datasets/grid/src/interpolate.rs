@@ -1,5 +1,5 @@
-//! Interpolation between the nodes of a projected grid. The interpolation is local, so that unknown nodes affect only
-//! their neighbourhood.
+//! Interpolation between the nodes of a projected grid. The interpolation is local, so unknown nodes affect only their
+//! neighbourhood.
 
 use numerics::maps::plane_grid::EvenAxis;
 
@@ -72,7 +72,7 @@ mod tests {
             let f = powers(degree);
             let values: Vec<f64> = (0..21).flat_map(|j| (0..20).map(move |i| f(f64::from(i), f64::from(j)))).collect();
             for (x, y) in places {
-                // The sum has a hundred products of values up to 2^9 + 2^18.
+                // Rounding of a sum of a hundred products, with values up to 2^9 + 2^18.
                 let error = at(&values, &axis(20), &axis(21), x, y) - f(x, y);
                 assert!(error.abs() < 1e-8, "{degree} {x} {y}: {error}");
             }

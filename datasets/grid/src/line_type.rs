@@ -57,12 +57,12 @@ impl LineType {
         }
     }
 
-    /// The type of a word, in any case.
+    /// The type for a word of a line record, in upper or lower case.
     pub fn of_word(word: &str) -> Option<LineType> {
         LineType::ALL.into_iter().find(|kind| kind.word().eq_ignore_ascii_case(word))
     }
 
-    /// The type of a letter, in either case.
+    /// The type for a letter in front of a line's number, in upper or lower case.
     pub fn of_letter(letter: char) -> Option<LineType> {
         LineType::ALL.into_iter().find(|kind| kind.letter().eq_ignore_ascii_case(&letter))
     }

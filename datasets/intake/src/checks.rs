@@ -150,7 +150,7 @@ pub struct QualityMeasure {
     pub first_tt: f64,
 }
 
-/// The figures of all columns of numbers of a line, `tt` first. Checks that find nothing give no figure.
+/// The figures of all numeric columns of a line, `tt` first. Checks that find nothing give no figure.
 pub fn measures(line: &RecordBatch) -> Vec<QualityMeasure> {
     let Some(tt) = line.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else { return vec![] };
     let tt: &[f64] = tt.values();

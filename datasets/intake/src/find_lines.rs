@@ -1,9 +1,9 @@
 //! Detection of lines from the motion of a flight: survey lines and tie lines, calibration boxes, cloverleafs, figures
 //! of eight, and circles.
 //!
-//! A turn is a change of the course to one side by more than a calibration's yaw manoeuvres; the legs between turns
-//! are straight. A manoeuvre is a part of a leg where the power of roll, pitch or yaw is far above that of its quiet
-//! moments. All limits are relative to typical values of the flight and are not tuned to an aircraft.
+//! A turn is a change of the course to one side by more than a calibration's yaw manoeuvres; the legs between turns are
+//! straight. A manoeuvre is a part of a leg where the power of roll, pitch or yaw is far above the power in quiet
+//! flight. All limits are relative to typical values of the flight and are not tuned to an aircraft.
 
 mod collect;
 mod legs;

@@ -12,7 +12,7 @@ use super::{log_reader::LogReader, mapping::MappingTable, renamed::renamed};
 
 static FORMATS: LazyLock<Vec<FlightFormat>> = LazyLock::new(|| formats::flight_formats(&[simulate::FORMAT]));
 
-/// The flight formats, in the order in which a file is tried.
+/// The flight formats, in the order in which they are tried.
 pub fn flight_formats() -> &'static [FlightFormat] {
     &FORMATS
 }

@@ -1,5 +1,5 @@
-//! Lines by a table of times: `flight`, `line`, `t_start` and `t_end` in seconds past midnight UTC, as in the flight
-//! lines of the SGL surveys and the data frames of MagNav.jl.
+//! Lines defined by a table of times: `flight`, `line`, `t_start` and `t_end` in seconds past midnight UTC, as in the
+//! flight lines of the SGL surveys and the data frames of MagNav.jl.
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 

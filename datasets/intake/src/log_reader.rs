@@ -14,7 +14,7 @@ pub struct LogReader {
     pub schema: SchemaRef,
     /// Notes for the user on the whole file.
     pub notes: Vec<String>,
-    /// The result of scanning the whole file, for `Reading::found`.
+    /// The result of scanning the whole file, for `ReadHints::found`.
     pub found: Option<String>,
     /// Returns the inputs of the flight, if its file is not the only input.
     pub made_from: Option<FlightInputLister>,

@@ -164,7 +164,7 @@ impl Mapping {
     }
 }
 
-/// Whether a fault already shows its position in a mapping, so that no position in a spec is required.
+/// Whether a fault already shows its position in a mapping. A position in a spec is then not required.
 pub fn is_shown(fault: &Fault) -> bool {
     fault.what.contains("\n --> ") || fault.what.contains("\n  --> ") || fault.what.contains("\n   --> ")
 }

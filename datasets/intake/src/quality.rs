@@ -1,7 +1,7 @@
 //! The quality of a line's data: missing, infinite, impossible and constant values of each column, and the faults that
 //! make the line unusable.
 //!
-//! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
+//! Infinities, scalar magnetometer readings of exactly 0, and a few impossible values of a sensor become missing
 //! values; each of these kinds is a finding. An impossible position, attitude or date is a fault. A sensor with
 //! impossible values in more than a tenth of its samples is also a fault.
 

@@ -1,8 +1,8 @@
 //! The simulation of lines in their order, some of them in parallel.
 //!
 //! Only the INS of a line depends on earlier lines of its flight. The truth of the next lines is therefore computed
-//! first, then the field and the sensors of each line, in parallel with the INS of each flight. The results equal a
-//! sequential simulation.
+//! first, then the field and the sensors of each line, in parallel with the INS of each flight. The results equal those
+//! of a sequential simulation.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -98,7 +98,7 @@ fn navigate(
     (ins_lines, Some(run))
 }
 
-/// Applies `one` to each, in parallel if there are several lines.
+/// Applies `one` to each element of `all`, in parallel if there are several.
 fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
     match (all.len(), all.pop()) {
         (1, Some(only)) => vec![one(only)],

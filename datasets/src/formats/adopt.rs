@@ -234,7 +234,7 @@ fn of_head(
     Ok(target)
 }
 
-/// The name that a head such as `alt [ft]` gives to a column; other names are unchanged.
+/// The name that a header such as `alt [ft]` gives to a column; other names are unchanged.
 pub fn name_of_head(head: &str) -> &str {
     unit_name::split_head(head).map_or(head, |(name, _)| name)
 }

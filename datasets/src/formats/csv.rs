@@ -163,7 +163,7 @@ fn reader(path: &Path) -> Result<csv::Reader<CsvText>, ReadError> {
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
 }
 
-/// Name in the flight table of the column `name` of a file.
+/// Name that the column `name` of a file has in the flight table.
 fn ours<'a>(name: &'a str, options: &'a FlightOptions) -> &'a str {
     let plain = adopt::name_of_head(name);
     options.rename.get(name).or_else(|| options.rename.get(plain)).map_or(plain, String::as_str)

@@ -160,7 +160,7 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
 
 fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError> {
     let (mut found, mut comments) = (GeosoftScan::default(), vec![]);
-    // Rows of one word and one number. If there are other rows, they are unknown line records.
+    // Rows of one word and one number, which are unknown line records if there are any other rows.
     let mut pairs = vec![];
     for (at, line) in (1..).zip(lines(path)?) {
         let width = Some(found.numbers.len()).filter(|width| *width > 0);

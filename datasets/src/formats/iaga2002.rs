@@ -94,7 +94,8 @@ struct IagaHeader {
 ///
 /// # Errors
 /// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, a header that
-/// contradicts its columns, or a declination or inclination in a wrong unit by comparison with the IGRF.
+/// contradicts its columns, or a declination or inclination that has a wrong unit according to a comparison with the
+/// IGRF.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))

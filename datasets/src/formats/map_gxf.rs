@@ -114,7 +114,7 @@ impl<'a> GxfObjects<'a> {
         Ok([scale, offset])
     }
 
-    /// The unit of the coordinates: its name and the factor to metres; degrees have no factor of a length.
+    /// The unit of the coordinates: its name and the factor to metres; degrees have no such factor.
     fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
         let Some(text) = self.text("UNIT") else { return Ok(None) };
         let (name, factor) = text.split_once(',').unwrap_or((text, ""));

@@ -133,7 +133,7 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet
     Ok(points)
 }
 
-/// Warnings on probable wrong units and constant values of survey points, one sentence each.
+/// Warnings about probably wrong units and about constant values of survey points, one sentence each.
 pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
     /// π and π/2: positions in radians that are read as degrees lie in this area of open sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);

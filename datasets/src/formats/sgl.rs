@@ -108,7 +108,7 @@ pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
     }
 }
 
-/// The unit of `ins_lat` and `ins_lon`, which differ between the readme and the files. The unit that agrees with the
+/// The unit of `ins_lat` and `ins_lon`, which differs between the readme and the files. The unit that agrees with the
 /// GNSS latitude is used; without a GNSS latitude it is radians.
 pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static str {
     match (lat_deg, ins_lat) {

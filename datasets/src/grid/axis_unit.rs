@@ -62,7 +62,8 @@ const LENGTHS: [(&[&str], f64); 9] = [
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 
-/// Relative difference below which two lengths are both feet, survey or international.
+/// Two units of length with a smaller relative difference are equal, such as the survey foot and the international
+/// foot.
 const SAME: f64 = 1e-5;
 
 impl AxisUnit {

@@ -32,7 +32,8 @@ pub fn saturation(values: &[f64]) -> Option<Saturation> {
             _ => counts.push((x, 1)),
         }
     }
-    // With few distinct values, as of a switch, frequent end values do not indicate saturation.
+    // In a column with few distinct values, such as the states of a switch, frequent end values do not indicate
+    // saturation.
     if counts.len() < 2 * NEXT + 2 {
         return None;
     }

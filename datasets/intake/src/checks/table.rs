@@ -1,4 +1,4 @@
-//! The figures of lines as a table, and back.
+//! Converts the figures of lines to a table, and back.
 
 use std::sync::Arc;
 

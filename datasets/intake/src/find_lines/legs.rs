@@ -19,7 +19,7 @@ const LULL_S: f64 = 3.0;
 /// legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
-/// Maximum deviation of the course of a leg from its mean, degrees, except for a tenth of its samples.
+/// Maximum deviation of a leg's course from its mean, in degrees. A tenth of the samples may deviate more.
 const STRAIGHT_DEG: f64 = 15.0;
 /// Period above which changes of the angles are removed, and window over which their power is computed, in seconds.
 const SLOW_S: f64 = 12.0;
@@ -174,8 +174,8 @@ impl FlightSegments {
     }
 }
 
-/// Turn rate above which the flight turns. The limit is a share of the rate below which half of the total change of
-/// course occurs, so long straight flight and sharp corners have little effect.
+/// The flight turns if its turn rate exceeds this limit. The limit is a share of the rate below which half of the total
+/// change of course occurs. Long straight flight and sharp corners therefore have little effect.
 fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     rates.sort_by(f64::total_cmp);

@@ -16,7 +16,7 @@ pub enum LinePattern {
     Line,
     /// A line across two or more of the survey's lines.
     Tie,
-    /// Legs a right angle apart, with manoeuvres.
+    /// Legs at right angles to each other, with manoeuvres.
     Box,
     /// Crossings of one place on several courses, by loops to one side.
     Cloverleaf,
@@ -37,7 +37,7 @@ impl LinePattern {
         LinePattern::Circle,
     ];
 
-    /// The pattern as text, with which names of lines begin.
+    /// The pattern as text; the names of its lines begin with this text.
     pub const fn word(self) -> &'static str {
         match self {
             LinePattern::Line => "line",
@@ -71,9 +71,9 @@ const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
 /// Minimum number of legs of a box, and minimum share of its legs with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
 const BOX_PART: f64 = 0.75;
-/// Turn of a loop that leads back over its start, in degrees.
+/// Minimum and maximum turn, in degrees, of a loop that leads back over its start.
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
-/// Maximum distance of a crossing beyond the end of a leg, in legs.
+/// Maximum distance of a crossing beyond the end of a leg, relative to the length of the leg.
 const BEYOND: f64 = 0.1;
 /// Maximum distance between crossings at one place: a share of the distance from the place to the loop, and a length in
 /// metres.

@@ -88,8 +88,8 @@ fn terms_of(line: &Line, flux: &str) -> Result<(Vec<f64>, usize), Failed> {
     Ok((matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?, terms.len()))
 }
 
-/// Classical Tolles-Lawson compensation, fitted to the band-passed line `calibration`. Returns the magnetometer on
-/// `line` minus the predicted aircraft field without its mean, in nT.
+/// Classical Tolles-Lawson compensation, fitted to the band-passed line `calibration`. Returns the magnetometer reading
+/// on `line` minus the predicted aircraft field, whose mean is removed first, in nT.
 pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Result<Vec<f64>, Failed> {
     let (mut a, terms) = terms_of(calibration, flux)?;
     let rate_hz = 1.0 / (calibration.column("tt")[1] - calibration.column("tt")[0]);

@@ -36,7 +36,8 @@ use numerics::{
 
 /// The number of corrections of the map for the core field at each node.
 const CORRECTIONS: usize = 6;
-/// Maximum distance below the map at which the field is extrapolated with its slope, as a fraction of its spacing.
+/// Maximum distance below the map at which the field is extrapolated with its slope, as a fraction of the map's
+/// spacing.
 const BELOW: f64 = 0.1;
 
 /// East, north and up components in nT, and the residual along the core field in nT.
@@ -89,7 +90,7 @@ pub(super) struct CrustalMap {
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
-    /// Corrected map, from whose components in the mean direction the field is computed.
+    /// Corrected map. The field is computed from this map as the field's component in the mean direction.
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,

@@ -10,7 +10,7 @@ use super::{
     air::{Dynamics, GustStatistics, Turbulence},
 };
 
-/// Change of height, in metres, below which the statistics of the gusts are not updated.
+/// The statistics of the gusts are updated only if the height changes by more than this, in metres.
 const SAME_HEIGHT_M: f64 = 5.0;
 /// The spin-up of the gusts before a line begins, in steps.
 const BEFORE: usize = 1200;

@@ -13,7 +13,7 @@ use super::{
     route::{Route, RouteError, RouteSegment},
 };
 
-/// Straight flight between the manoeuvres of a box, in seconds.
+/// Duration of straight flight between the manoeuvres of a box, in seconds.
 const SETTLE_S: f64 = 5.0;
 /// Half of the duration of the transition at the start or end of a climb, in seconds.
 const ROUNDING_S: f64 = 5.0;

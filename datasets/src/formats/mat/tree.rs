@@ -56,7 +56,7 @@ pub(super) struct MatColumn {
 
 /// The table of the vectors at the root.
 pub(super) const ROOT: &str = ".";
-/// Number of columns above which a matrix has one channel per row.
+/// A matrix with more columns than this has one channel per row.
 const MOST_COLUMNS: u64 = 1000;
 /// Maximum number of rows of a matrix with one channel per row.
 const MOST_CHANNELS: u64 = 100;

@@ -33,8 +33,8 @@ pub struct ScalarMagnetometer {
     pub dead_polar_deg: f64,
     /// Dead zone about the plane normal to the optical axis, in degrees.
     pub dead_equatorial_deg: f64,
-    /// Dropouts: mean interval from the end of one dropout to the next and mean duration, both exponentially
-    /// distributed, in seconds.
+    /// Dropouts: mean interval from the end of one dropout to the start of the next, and mean duration, in seconds.
+    /// Both quantities are exponentially distributed.
     pub dropouts: Option<(f64, f64)>,
     /// Whether missing readings are recorded as 0, as by some recorders, instead of NaN.
     pub lost_is_zero: bool,

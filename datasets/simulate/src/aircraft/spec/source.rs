@@ -52,9 +52,9 @@ pub struct AircraftFieldSpec {
     pub flex: QuantitySpec<Vector3<f64>>,
     /// Excess specific force at which wing bending saturates, in m/s².
     pub flex_limit_mps2: f64,
-    /// Remanence of the airframe's iron, in nT: column j is the field after a loop of the earth's field along body
-    /// axis j between ±50,000 nT and back to zero. Keys `hysteresis`, or `hysteresis_nt`, the standard deviation of its
-    /// elements (0).
+    /// Remanence of the airframe's iron, in nT: column j is the field that remains after the earth's field along body
+    /// axis j has been cycled between ±50,000 nT and returned to zero. Keys `hysteresis`, or `hysteresis_nt`, the
+    /// standard deviation of its elements (0).
     pub hysteresis: QuantitySpec<Matrix3<f64>>,
     /// Field of each current in nT/A: the table `currents`, with names of currents as keys. A value is a vector, or a
     /// magnitude whose direction is drawn. The field of wires is added.
