@@ -210,8 +210,8 @@ impl AnomalyGrid {
     ///
     /// For eastings and northings, this is the length of the coordinate system's unit. If the scale of the projection
     /// differs by more than 0.5 % from 1, as for web Mercator, it is the length on the ground. For degrees, the lengths
-    /// are the transverse radius of curvature times the cosine of the latitude, and the meridian radius [Torge &
-    /// Müller, Geodesy, 4.1.3].
+    /// are arcs of one degree. Their radii are the transverse radius of curvature times the cosine of the latitude, and
+    /// the meridian radius [Torge & Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let lat = middle(&self.y).to_radians();

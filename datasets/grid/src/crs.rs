@@ -14,7 +14,7 @@ const ROUND_TRIP_M: f64 = 1.0;
 /// widest zone, 32V, extends 6 degrees to one side.
 const UTM_REACH_DEG: f64 = 6.5;
 
-/// A coordinate reference system, to and from WGS-84 degrees. Systems with equal codes are equal.
+/// A coordinate reference system, with conversions to and from WGS-84 degrees. Systems with equal codes are equal.
 #[derive(Clone)]
 pub struct Crs {
     code: u16,
@@ -197,7 +197,7 @@ pub fn unit_of_wkt(wkt: &str) -> Option<(String, f64)> {
     Some((name.to_owned(), size)).filter(|(name, m)| *m > 0.0 && !name.to_ascii_lowercase().starts_with("deg"))
 }
 
-/// The code of the system with a name in the EPSG register, or with Esri's name of a common system.
+/// The EPSG code for the name of a system in the EPSG register, or for Esri's name of a common system.
 pub fn epsg_of_name(name: &str) -> Option<u16> {
     const SPELLINGS: [(&str, &str); 10] = [
         ("GCS WGS 1984", "WGS 84"),

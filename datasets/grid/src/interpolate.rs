@@ -3,7 +3,7 @@
 
 use numerics::maps::plane_grid::EvenAxis;
 
-/// The value at a position given in fractions of nodes, or NaN.
+/// The value at a position in fractional node indices, or NaN.
 ///
 /// A polynomial of ninth degree through the 10 x 10 nodes around the position gives the value. If one of these nodes is
 /// unknown or beyond the edge, the polynomial has fifth or third degree and passes through 6 x 6 or 4 x 4 nodes. The

@@ -1,4 +1,4 @@
-//! Maps on their native grid in any coordinate system or as a grid of latitude and longitude, and survey points.
+//! Survey points, and maps on their native grid in any coordinate system or on a grid of latitude and longitude.
 //! Formats read and write them, and map stages process them.
 
 use std::{path::Path, sync::Arc};

@@ -11,8 +11,8 @@ use schemas::map::NativeGrid;
 use super::{AnomalyGrid, Crs, GridHeight, MapTable, WGS84};
 use crate::ReadError;
 
-/// Margin of an area beyond the nodes of its border, as a fraction of its extent. Parallels are curved between nodes,
-/// and rounding must not move a position on the edge out of the area.
+/// Margin by which an area extends beyond its border nodes, as a fraction of the area's extent. Parallels are curved
+/// between nodes, and rounding must not move a position on the edge out of the area.
 const MARGIN: f64 = 0.01;
 
 impl AnomalyGrid {
@@ -98,7 +98,7 @@ impl AnomalyGrid {
         of_nodes(table, names, epsg)
     }
 
-    /// The map in rows that [`AnomalyGrid::made`] wrote.
+    /// The map in the rows that [`AnomalyGrid::made`] wrote.
     ///
     /// # Errors
     /// Fails for rows that are not a map.

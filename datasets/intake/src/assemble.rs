@@ -36,7 +36,7 @@ pub struct LineAssembly<'a> {
     open: Option<LineBatches>,
     gap: Option<IdentifierGap>,
     gaps: Vec<IdentifierGap>,
-    /// Rows of the file so far.
+    /// Number of rows of the file so far.
     row: u64,
 }
 

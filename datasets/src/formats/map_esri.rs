@@ -94,7 +94,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     outputs.finish(prj)
 }
 
-/// A number that differs from all values.
+/// A number that differs from all values, for unknown nodes.
 pub(super) fn unused(values: &[f64]) -> f64 {
     let mut candidate = -99_999.0;
     while values.contains(&candidate) {

@@ -145,7 +145,7 @@ fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Op
     Ok(Some(first as u16))
 }
 
-/// Nodes per batch that is written.
+/// Number of nodes per written batch.
 const BATCH_NODES: usize = 1 << 20;
 
 fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {

@@ -1,4 +1,4 @@
-//! Isolated outliers of single samples, by their fourth differences.
+//! Isolated outliers of single samples, detected by their fourth differences.
 
 use numerics::regression::statistics::median;
 

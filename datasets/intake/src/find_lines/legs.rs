@@ -21,7 +21,8 @@ const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// Maximum deviation of a leg's course from its mean, in degrees. A tenth of the samples may deviate more.
 const STRAIGHT_DEG: f64 = 15.0;
-/// Period above which changes of the angles are removed, and window over which their power is computed, in seconds.
+/// Changes of the angles with longer periods than [`SLOW_S`] are removed. The power of the angles is computed over
+/// windows of [`POWER_S`].
 const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
 /// Time in which the aircraft levels out at the ends of a leg, in seconds.

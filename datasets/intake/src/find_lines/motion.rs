@@ -56,9 +56,9 @@ pub struct FlightChannels {
 pub struct FlightMotion {
     /// Times, multiples of the step, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// North of the first position, in metres.
+    /// Distance north of the first position, in metres.
     pub north_m: Vec<f64>,
-    /// East of the first position, in metres.
+    /// Distance east of the first position, in metres.
     pub east_m: Vec<f64>,
     /// Height, in metres.
     pub alt_m: Vec<f64>,

@@ -112,7 +112,7 @@ struct SegmentedFlight<'a> {
 struct TurnLoop {
     /// The leg before.
     leg: usize,
-    /// The leg after; `None` if the flight ends with the loop.
+    /// The leg after the loop; `None` if the flight ends with the loop.
     next: Option<usize>,
     right: bool,
     /// Crossing of the legs: north and east, in metres.

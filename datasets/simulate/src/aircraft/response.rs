@@ -91,7 +91,7 @@ mod tests {
             // 2 (t - tau (1 - exp(-t / tau))).
             assert!((y - 2.0 * (t - tau_s * (1.0 - (-t / tau_s).exp()))).abs() < 1e-12, "{i}");
         }
-        // A step between two samples, then the decay of the declared time constant.
+        // A step between two samples, then a decay with the declared time constant.
         let step: Vec<f64> = (0..100).map(|i| if i < 5 { 1.0 } else { 0.0 }).collect();
         let y = first_order(&step, RATE_HZ, tau_s);
         assert_eq!(y[4], 1.0);

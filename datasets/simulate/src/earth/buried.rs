@@ -8,7 +8,7 @@ use numerics::{
 
 use super::spec::{BuriedBody, BuriedSource};
 
-/// The rows are the eastern, northern and upward directions at a position in degrees, in earth-centred components.
+/// Matrix whose rows are the directions east, north and up in earth-centred components, at a position in degrees.
 fn east_north_up(lat_deg: f64, lon_deg: f64) -> Matrix3<f64> {
     let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (lat_deg.to_radians().sin_cos(), lon_deg.to_radians().sin_cos());
     Matrix3::new(

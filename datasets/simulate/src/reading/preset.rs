@@ -18,8 +18,9 @@ use super::section::SynthFaultList;
 const CESSNA: &str = include_str!("../../presets/cessna.toml");
 const DRONE: &str = include_str!("../../presets/drone.toml");
 
-/// The presets by name, each of one or more TOML files of a spec without map and flights. A later file overrides the
-/// earlier files, as a spec overrides its preset. Lists without names, such as wires, are appended.
+/// The presets by name. Each consists of one or more TOML files, each of which is a spec without map and flights. A
+/// later file overrides the earlier files, as a spec overrides its preset. Lists without names, such as wires, are
+/// appended.
 pub const PRESETS: &[(&str, &[&str])] = &[
     ("cessna", &[CESSNA]),
     ("cessna_real", &[CESSNA, include_str!("../../presets/cessna_real.toml")]),

@@ -160,7 +160,7 @@ impl DataflashScanner {
         Ok(DataflashScanner { path: path.to_path_buf(), forward, state })
     }
 
-    /// The same file and units, from its start.
+    /// A scanner of the same file with the same units, at the start of the file.
     ///
     /// # Errors
     /// Fails for a file that cannot be opened.

@@ -81,7 +81,7 @@ fn only_even(columns: &[ColumnSample]) -> Option<ClockGuess> {
         }
         let usual = median(&mut steps);
         let near = steps.iter().filter(|step| (**step / usual - 1.0).abs() < 0.2).count();
-        // A counter of rows has steps of 1, in which no rate can be seen.
+        // A row counter has steps of 1, from which no rate can be inferred.
         near * 10 >= steps.len() * 9 && usual != 1.0
     };
     let mut found = columns.iter().filter(is_even);

@@ -31,7 +31,7 @@ pub(super) const EARTH: Range<f64> = 15_000.0..100_000.0;
 const TOTAL: Range<f64> = 15_000.0..80_000.0;
 /// Largest spread of the earth's field along a flight, from the 5th to the 95th percentile, relative to its median.
 const STEADY: f64 = 0.15;
-/// Words of vectors that are not the field.
+/// Words in the names of vectors that are not the magnetic field.
 const OTHER_VECTORS: [&str; 20] = [
     "v",
     "vel",
@@ -75,7 +75,7 @@ const DERIVED: [&str; 18] = [
     "sigma",
     "err",
 ];
-/// Words of the total field at a base station.
+/// Words in the names of total fields at a base station.
 const BASE: [&str; 5] = ["base", "basestation", "basemag", "observatory", "reference"];
 
 /// Whether the words of three components name a magnetometer.

@@ -1,5 +1,5 @@
-//! Recognises times that are logged as text. A date such as 03/06/2025 has two readings. The rows decide if one of them
-//! is impossible; otherwise the day is assumed to come first, with a question.
+//! Recognises times that are logged as text. A date such as 03/06/2025 has two readings. If the rows make one of them
+//! impossible, the other is used. Otherwise the day is assumed to come first, with a question.
 
 use schemas::one_line;
 
