@@ -95,7 +95,7 @@ impl Crs {
         self.projection.is_geographic()
     }
 
-    /// Metres per unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
+    /// Metres per unit of its coordinates: 1 for metres, 0.3048 for feet. For degrees, the value is 1.
     pub fn unit_m(&self) -> f64 {
         self.projection.unit_m()
     }

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::ReadError;
 
-/// Additional columns past each end of a map around the earth: half of the nodes of a polynomial, plus one.
+/// Number of additional columns past each end of a map around the earth: half of the nodes of a polynomial, plus one.
 const SEAM: usize = 6;
 
 /// Minimum size of a grid that can be interpolated.

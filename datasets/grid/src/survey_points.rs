@@ -32,7 +32,7 @@ pub struct SurveyPointSet {
     pub types: Vec<Option<LineType>>,
     /// Additional columns of the file for reductions.
     pub extra: ReductionColumns,
-    /// The row of the file that each point comes from, from 0.
+    /// The row of each point in the file, counted from 0.
     pub row: Vec<u64>,
     /// Notes on the file and its processing.
     pub notes: Vec<String>,

@@ -34,7 +34,7 @@ pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     known.get(at + 1).map(|(row, ..)| *row)
 }
 
-/// Seconds of the day of a number in digits; `None` if the number is not a time.
+/// Seconds past midnight of a clock time written as digits; `None` if the number is not a time.
 fn seconds(x: f64) -> Option<f64> {
     let whole = x.floor();
     let (hours, minutes, s) = ((whole / 1e4).floor(), (whole / 100.0).floor() % 100.0, whole % 100.0);

@@ -119,7 +119,7 @@ fn distance_km(a: (f64, f64), b: (f64, f64)) -> f64 {
     2.0 * 6371.0 * h.sqrt().min(1.0).asin()
 }
 
-/// A clock in digits, `hhmmss.s`, in place of seconds.
+/// Fault of clock times written as digits, `hhmmss.s`, instead of seconds.
 fn clock(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let tt = line.get("tt")?;
     let row = clock_digits::minute_after(tt)?;

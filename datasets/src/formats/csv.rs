@@ -207,7 +207,7 @@ struct CsvBatchReader {
     threads: usize,
     /// The next parts.
     ready: VecDeque<Result<FlightBatch, ReadError>>,
-    /// Rows before the next block, and the line on which it begins.
+    /// Number of rows before the next block, and the line on which the block begins.
     row: u64,
     line: u64,
     /// The last value of each key before the next block.

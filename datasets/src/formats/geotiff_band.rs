@@ -139,7 +139,7 @@ fn mask(path: &Path, index: usize, width: usize, height: usize) -> Result<Vec<bo
     if bits == 8 {
         return Ok(cells.iter().map(|c| *c > 0).collect());
     }
-    // Each row begins at a byte.
+    // Each row begins at a whole byte.
     let row = |bytes: &[u8]| -> Vec<bool> {
         (0..width).map(|i| bytes.get(i / 8).is_some_and(|b| b >> (7 - i % 8) & 1 == 1)).collect()
     };

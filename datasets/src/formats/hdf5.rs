@@ -161,7 +161,7 @@ fn members(path: &Path, of: &Group) -> Result<(Vec<String>, Vec<String>), ReadEr
 pub(super) struct Hdf5Dataset {
     path: PathBuf,
     name: String,
-    /// Rows first.
+    /// Lengths of the dimensions, the number of rows first.
     pub(super) shape: Vec<u64>,
     set: Dataset,
     /// Position of the values in a layout that the reader does not support.

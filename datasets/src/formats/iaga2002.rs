@@ -292,7 +292,7 @@ fn sample(line: &str) -> Option<((i32, u32, f64), Vec<f64>)> {
     Some(((year, doy, seconds), values.filter(|v| v.len() >= 3)?))
 }
 
-/// Days between two dates, each given by year and day of the year.
+/// Number of days between two dates, each given by year and day of the year.
 pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
     let whole = |a: i32, b: i32| (a..b).map(|year| i64::from(days_in_year(year))).sum::<i64>();
     whole(from.0, to.0) - whole(to.0, from.0) + i64::from(to.1) - i64::from(from.1)

@@ -33,7 +33,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: None,
 };
 
-/// Columns of a row.
+/// Number of columns of a row.
 const COLUMNS: usize = 8;
 /// Cells per degree.
 const PER_DEGREE: f64 = 30.0;

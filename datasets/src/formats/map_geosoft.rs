@@ -123,7 +123,7 @@ impl GeosoftHeader {
         Ok(GeosoftHeader { size, sign, elements, vectors, order, steps, origin, rotation, base, multiplier })
     }
 
-    /// Whether the fields are those of a grid, which has no signature.
+    /// Whether the fields are plausible for a grid; the format has no signature.
     fn is_plausible(&self) -> bool {
         let is_size = [1, 2, 4, 8].contains(&(self.size % COMPRESSED)) && self.size < 2 * COMPRESSED;
         let is_step = self.steps.iter().all(|step| step.is_normal() && *step > 0.0);

@@ -15,7 +15,7 @@ use crate::ReadError;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Contents of the columns of the field, all in nT.
+/// Names and descriptions of the field's columns, all in nT.
 const FIELD: [(&str, &str); 4] = [
     ("field_n", "north component of the field at the station"),
     ("field_e", "east component of the field at the station"),

@@ -1,5 +1,5 @@
-//! The ASCII `.xyz` files of the SGL surveys: comment lines start with `/`, the last of them before the data names the
-//! columns, blanks separate values, `*` is a missing value. One line of the survey at a time is in memory.
+//! The ASCII `.xyz` files of the SGL surveys: comment lines start with `/`; the last comment before the data names the
+//! columns; blanks separate values; `*` is a missing value. One line of the survey at a time is in memory.
 
 use std::{
     io::{BufRead, BufReader},

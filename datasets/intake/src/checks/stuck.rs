@@ -5,7 +5,7 @@ use std::ops::Range;
 /// Longest run of equal values in a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConstantRun {
-    /// Samples of that run.
+    /// Number of samples of that run.
     pub samples: usize,
     /// First row.
     pub first: usize,

@@ -7,8 +7,8 @@ use super::{ConsistencyLine, Finding, INS, MOVING_MPS, MotionColumns, TRUTH, bot
 
 /// The duration of the chords over which positions and velocities are compared.
 pub const CHORD_S: f64 = 10.0;
-/// Minimum number of chords. A line with fewer chords of [`CHORD_S`] is divided into shorter chords, of at least this
-/// duration.
+/// Minimum number of chords. A line with fewer chords of [`CHORD_S`] is divided into shorter chords, of at least
+/// [`SHORT_CHORD_S`].
 const CHORDS: usize = 3;
 const SHORT_CHORD_S: f64 = 1.0;
 /// Below this mean speed the noise of positions hides the velocity over short chords.

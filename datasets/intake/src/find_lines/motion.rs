@@ -64,7 +64,7 @@ pub struct FlightMotion {
     pub alt_m: Vec<f64>,
     /// Speed over ground, in m/s.
     pub speed_mps: Vec<f64>,
-    /// Course, or heading without positions, degrees, unwrapped within a run.
+    /// Course, or heading if there are no positions, in degrees; unwrapped within a run.
     pub course_deg: Vec<f64>,
     /// Rate of change of the course, in degrees per second.
     pub turn_dps: Vec<f64>,

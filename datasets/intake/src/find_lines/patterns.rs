@@ -18,9 +18,9 @@ pub enum LinePattern {
     Tie,
     /// Legs at right angles to each other, with manoeuvres.
     Box,
-    /// Crossings of one place on several courses, by loops to one side.
+    /// Crossings of one place on several courses, connected by loops to one side.
     Cloverleaf,
-    /// Crossings of one place on several courses, by loops to alternate sides.
+    /// Crossings of one place on several courses, connected by loops to alternate sides.
     FigureEight,
     /// A full turn or more.
     Circle,
@@ -58,7 +58,7 @@ pub struct DetectedLine {
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
-    /// Rows at even times.
+    /// Rows of the line in the motion at evenly spaced times.
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
     pub heading_deg: Option<f64>,
@@ -110,7 +110,7 @@ struct SegmentedFlight<'a> {
 
 /// Loop between two legs that cross.
 struct TurnLoop {
-    /// The leg before.
+    /// The leg before the loop.
     leg: usize,
     /// The leg after the loop; `None` if the flight ends with the loop.
     next: Option<usize>,

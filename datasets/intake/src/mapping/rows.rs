@@ -35,7 +35,7 @@ pub struct MappingReader {
     mapping: Arc<Mapping>,
     path: PathBuf,
     repeated_rows: RepeatedRows,
-    /// Rows of the file before the next batch.
+    /// Number of rows of the file before the next batch.
     row: u64,
     /// The current line, and the day of its first sample.
     line: Option<(String, String)>,

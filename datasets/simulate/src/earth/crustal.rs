@@ -86,7 +86,7 @@ pub(super) struct CrustalMap {
     level_m: f64,
     lat: CrustalMapAxis,
     lon: CrustalMapAxis,
-    /// Metres of a step northward and eastward.
+    /// Length of a step northward and eastward, in metres.
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
@@ -94,7 +94,7 @@ pub(super) struct CrustalMap {
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
-    /// Whether the four nodes around each grid square are known, by rows.
+    /// Whether the four corner nodes of each grid square are known, row by row.
     known: Vec<bool>,
     /// Cached levels; the key is the bits of the height above the map. The levels do not depend on the order of
     /// requests.
@@ -277,7 +277,7 @@ fn known_cells(map: &PlaneGrid) -> Vec<bool> {
 
 /// Crustal field at one height, as bicubic spline coefficients.
 struct CrustalMapLevel {
-    /// Nodes in a row of the table.
+    /// Number of nodes in a row of the table.
     width: usize,
     /// The coefficients of the natural cubic splines by rows, with one more row and column on each side.
     table: Vec<CrustalComponents>,

@@ -95,7 +95,7 @@ pub(super) struct QuietDay {
 }
 
 impl QuietDay {
-    /// Amplitudes of the orders 1 to 4, which give a peak of 5 hours about noon and a flat night.
+    /// Amplitudes of the orders 1 to 4. They give a curve with a peak of 5 hours around noon that is flat at night.
     const SIZES: [f64; 4] = [1.0, 0.5, 0.15, 0.03];
     /// The internal part relative to the external part.
     const INDUCED: f64 = 0.4;

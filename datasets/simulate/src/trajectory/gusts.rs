@@ -277,7 +277,7 @@ impl AttitudeSway {
 
     /// Adds the motion, in degrees, to `rows` values `h` seconds apart, the first at `start_s`.
     pub(super) fn add(&self, rows: &mut [f64], start_s: f64, h: f64) {
-        /// Steps after which a wave is recomputed, so that rounding does not grow.
+        /// Number of steps after which a wave is recomputed, so that rounding errors do not grow.
         const FRESH: usize = 256;
         if self.amplitude_deg == 0.0 {
             return;

@@ -133,7 +133,7 @@ pub(super) struct CsvRows<'a> {
     pub(super) wrong: Vec<CsvRowFault>,
     /// Number of rows at the start that take flight and line from the row before the block.
     orphans: usize,
-    /// Newlines of the block.
+    /// Number of newlines of the block.
     pub(super) newlines: u64,
 }
 

@@ -20,7 +20,7 @@ use crate::ReadError;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CsvScan {
     pub(super) kinds: Vec<CsvColumnKind>,
-    /// Rows that repeat the header, and the line of the first.
+    /// Number of rows that repeat the header, and the line of the first of these rows.
     repeated: (u64, u64),
     cut: Option<CsvTruncation>,
 }
@@ -48,7 +48,7 @@ struct CsvScanColumns<'a> {
 struct CsvBlockSummary {
     /// Columns with something other than numbers.
     words: Vec<usize>,
-    /// Rows that repeat the header, and newlines of the block before the first.
+    /// Number of rows that repeat the header, and number of newlines of the block before the first of these rows.
     repeated: (u64, u64),
     newlines: u64,
     /// Length of the shortest last value of a row, except a row that the end of the file truncates.

@@ -1,6 +1,5 @@
-//! Text whose columns are separated by semicolons or tabs, with decimal points or commas, or that has comments above
-//! its header. It is converted to comma-separated text with decimal points while it is read; each record keeps its
-//! line.
+//! Text with comments above its header, or with columns separated by semicolons or tabs and numbers with decimal points
+//! or commas. It is converted to comma-separated text with decimal points while it is read; each record keeps its line.
 
 use std::{
     io::{self, BufRead, BufReader, Read},

@@ -27,14 +27,14 @@ pub(super) struct DataflashTopic {
     pub(super) instance: Option<String>,
     /// The position of its definition.
     pub(super) layout: usize,
-    /// Messages so far.
+    /// Number of messages so far.
     pub(super) rows: u64,
 }
 
 /// First definition of a message name in the file, and the topics of that name.
 pub(super) struct DataflashLayout {
     pub(super) definition: MessageDefinition,
-    /// Messages of the name under a later, different definition.
+    /// Number of messages of the name under a later, different definition.
     pub(super) others: u64,
     /// The topic without an instance.
     plain: Option<usize>,
@@ -97,13 +97,13 @@ pub(super) struct DataflashScanState {
     names: HashMap<String, usize>,
     pub(super) topics: Vec<DataflashTopic>,
     pub(super) damage: Damage,
-    /// Bytes of a message that the end of the file truncates.
+    /// Number of bytes of a message that the end of the file truncates.
     pub(super) cut: u64,
-    /// Messages of types without a definition.
+    /// Number of messages of types without a definition.
     pub(super) unknown: u64,
-    /// Invalid definitions.
+    /// Number of invalid definitions.
     pub(super) unreadable: u64,
-    /// Messages of types with an invalid definition.
+    /// Number of messages of types with an invalid definition.
     pub(super) undefined: u64,
     /// The names of these types, where they have one.
     unnamed: HashMap<u8, (String, u64)>,

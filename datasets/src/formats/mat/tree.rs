@@ -181,7 +181,8 @@ fn flatten(variable: &str, prefix: &str, fields: Vec<MatVariable>, to: &mut Vec<
     }
 }
 
-/// Columns by their length. The most common length, except single values, has the plain name.
+/// Groups columns by their length. The table of the most common length, except that of single values, has the plain
+/// name.
 fn group(name: &str, columns: Vec<MatColumn>) -> Vec<MatTable> {
     let mut by_rows: BTreeMap<u64, Vec<MatColumn>> = BTreeMap::new();
     for column in columns.into_iter().filter(|c| c.rows > 0) {

@@ -19,9 +19,9 @@ struct UlogFieldDeclaration {
 pub(super) struct UlogMessageLayout {
     /// The columns, without padding.
     pub(super) columns: Vec<RecordColumn>,
-    /// The bytes of a message without the padding at its end, which may be missing partly or completely.
+    /// Number of bytes of a message without the padding at its end, which may be missing partly or completely.
     pub(super) least: usize,
-    /// The bytes of a message with the padding at its end.
+    /// Number of bytes of a message with the padding at its end.
     pub(super) most: usize,
 }
 
@@ -122,7 +122,7 @@ struct UlogColumnBuilder {
     /// The maximum number of columns.
     most: usize,
     size: usize,
-    /// Bytes of padding at the end.
+    /// Number of bytes of padding at the end.
     padding: usize,
 }
 

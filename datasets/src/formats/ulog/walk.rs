@@ -35,9 +35,9 @@ pub(super) struct UlogTopic {
     pub(super) name: String,
     pub(super) instance: u8,
     pub(super) layout: UlogMessageLayout,
-    /// Messages so far.
+    /// Number of messages so far.
     pub(super) rows: u64,
-    /// Messages in another layout, after a redefinition of its format.
+    /// Number of messages in another layout, after a redefinition of the topic's format.
     pub(super) others: u64,
     /// Messages that are shorter or longer than their definition.
     pub(super) misfits: LengthMismatches,
@@ -113,11 +113,11 @@ pub(super) struct UlogScanState {
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
     pub(super) damage: Damage,
-    /// Bytes of messages that are truncated at the end of the file, or where data were appended.
+    /// Number of bytes of messages that are truncated, at the end of the file or where data were appended.
     pub(super) cut: u64,
-    /// Messages of ids or types without a definition.
+    /// Number of messages with ids or types without a definition.
     pub(super) unknown: u64,
-    /// Formats and subscriptions that could not be read.
+    /// Number of formats and subscriptions that could not be read.
     pub(super) unreadable: u64,
 }
 

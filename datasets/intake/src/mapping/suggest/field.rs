@@ -221,7 +221,7 @@ mod tests {
         ColumnSample { name: name.to_owned(), values, ..ColumnSample::default() }
     }
 
-    /// Three components of a vector of length `size` that turns.
+    /// Three components of a rotating vector of length `size`.
     fn turning(names: [&str; 3], size: f64) -> Vec<ColumnSample> {
         let [x, y, z] = names;
         vec![
