@@ -10,8 +10,8 @@ use crate::ReadError;
 
 /// Number of decoded bytes that every file may declare. Survey lines of one hour have about 10 MB.
 const FREE: u64 = 256 << 20;
-/// Number of decoded bytes that a larger file may declare per byte of its size. Measured data have 2 to 10; a constant
-/// column has thousands, but it is only one of many columns.
+/// Number of decoded bytes that a file may declare per byte of its size, if that is more than [`FREE`]. Measured data
+/// have 2 to 10; a constant column has thousands, but it is only one of many columns.
 const MOST_EXPANSION: u64 = 256;
 /// Maximum number of columns of a table. The widest surveys have a few hundred.
 pub(super) const MOST_COLUMNS: usize = 16_384;

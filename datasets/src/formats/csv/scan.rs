@@ -186,7 +186,7 @@ impl CsvBlockSummary {
     }
 }
 
-/// First pass over one block in progress: the columns without words, and the result so far.
+/// State of the first pass over one block: the columns without words, and the result so far.
 struct CsvBlockScanner<'a> {
     question: &'a CsvScanColumns<'a>,
     /// Columns without words in this block.
@@ -270,7 +270,7 @@ impl CsvBlockScanner<'_> {
         None
     }
 
-    /// Marks the columns that have words in a complete row as columns of words.
+    /// Marks as text the columns that have words in a complete row.
     fn settle(&mut self) {
         for column in self.doubts.drain(..) {
             self.open[column] = false;

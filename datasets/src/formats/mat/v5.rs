@@ -339,7 +339,7 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<ColumnVa
     }
 }
 
-/// Integers as floats if these are exact, otherwise as integers or text.
+/// Converts integers to floats if these are exact, otherwise to integers or text.
 fn exact(numbers: impl Iterator<Item = i128> + Clone) -> ColumnValues {
     const EXACT: u128 = 1 << 53;
     let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);
