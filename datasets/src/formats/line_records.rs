@@ -73,9 +73,8 @@ pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
     )
 }
 
-/// The names of the lines of a file. If lines of different types have the same number, all of their names except the
-/// one of the type `Line` begin with the letter of the type. For example, `Tie 10` is named T10 in a file with `Line
-/// 10`.
+/// The names of the lines of a file. If lines of different types have the same number, the letter of the type precedes
+/// the name, except for the type `Line`. In a file with `Line 10`, for example, `Tie 10` is named T10.
 #[derive(Debug, Default)]
 pub(super) struct GeosoftLineNames {
     types: BTreeMap<String, BTreeSet<LineType>>,

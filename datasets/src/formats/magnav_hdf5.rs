@@ -81,8 +81,8 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     })
 }
 
-/// Roll, pitch and yaw from the direction cosines. Julia stores columns first, so the 3 x 3 x N array appears here as N
-/// x 3 x 3, each matrix transposed.
+/// Roll, pitch and yaw from the direction cosines. Julia stores columns first, so the 3 x 3 x N array appears here as
+/// N x 3 x 3, each matrix transposed.
 fn push_attitude(
     table: &mut ColumnTable,
     prefix: &str,
