@@ -338,7 +338,7 @@ impl<'a> PointColumnRoles<'a> {
         Ok(heights)
     }
 
-    /// Latitudes and longitudes in degrees. `usual` is whether positions far from the zone of their system are rejected.
+    /// Latitudes and longitudes in degrees. With `usual`, positions far from the zone of their system are rejected.
     fn degrees(
         &self,
         path: &Path,
