@@ -61,7 +61,7 @@ mod tests {
             assert!(kept.len() == 3 && kept.is_sorted_by(|a, b| a < b), "{kept:?}");
             kept.iter().for_each(|&i| times[i as usize] += 1);
         }
-        // Binomial: 3000 on average, a standard deviation of 46.
+        // The count is binomial with a mean of 3000 and a standard deviation of 46.
         assert!(times.iter().all(|n| (n - 3000).abs() < 5 * 46), "{times:?}");
     }
 }

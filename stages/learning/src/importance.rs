@@ -71,7 +71,7 @@ pub struct AttributionSampling {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributions {
     /// Mean prediction of the background rows. The prediction of a row is this mean plus the row's values. NaN for
-    /// [`expected_gradients()`], which uses no predictions. Excludes the intercept for [`shapley_linear`].
+    /// [`expected_gradients()`], which uses no predictions. For [`shapley_linear`], the mean excludes the intercept.
     pub base: f64,
     /// Row-major, one column per group, in the unit of the prediction.
     pub values: Vec<f64>,
@@ -107,7 +107,7 @@ pub enum ImportanceError<E = Infallible> {
         /// The rows of a block.
         block: usize,
     },
-    /// All predictions are equal, so that they have no variance to share.
+    /// All predictions are equal, so there is no variance to divide among the groups.
     #[error("the predictions are equal over the ranges of the inputs, so their variance has no shares")]
     Constant,
     /// A group is invalid.
@@ -126,7 +126,7 @@ pub enum ImportanceError<E = Infallible> {
     },
 }
 
-/// Predictions of the model for rows of `width` columns: `each` finite numbers per row.
+/// Predictions of the model for rows of `width` columns, with `each` finite numbers per row.
 fn answers<E>(
     model: &PredictionFunction<'_, E>,
     rows: &[f64],

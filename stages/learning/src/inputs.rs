@@ -79,7 +79,7 @@ pub struct InputScaling {
     pub mean: Vec<f64>,
     /// The standard deviation of each column (n − 1), in its unit.
     pub scale: Vec<f64>,
-    /// The components, if they are the inputs.
+    /// The components, if the inputs of the model are components.
     pub components: Option<WhitenedComponents>,
 }
 
@@ -116,7 +116,8 @@ impl InputScaling {
 
     /// This scaling, followed by whitened principal components of `x`. `x` must be the rows from which the scaling was
     /// computed. A `keep` of at least 1 is the number of components; below 1 it is the minimum fraction of the
-    /// variance. Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
+    /// variance. Components with a standard deviation below 1e-7 of the largest are rounding errors and are always
+    /// omitted.
     ///
     /// # Errors
     /// Fails for an invalid `keep`, or for more components than columns. Also fails if the decomposition does not
@@ -149,8 +150,8 @@ impl InputScaling {
         self.components.as_ref().map_or(self.mean.len(), |components| components.count)
     }
 
-    /// Inputs computed from rows of columns, row-major. A value that is not finite in a row gives NaN in every input
-    /// that depends on the value. Values after the last whole row are ignored.
+    /// Model inputs computed from rows of column values, row-major. A value that is not finite in a row gives NaN in
+    /// every input that depends on the value. Values after the last whole row are ignored.
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         let (columns, width) = (self.mean.len().max(1), self.width().max(1));
         let rows = x.len() / columns;
@@ -212,7 +213,7 @@ impl WithSimd for InputScalingKernel<'_> {
     }
 }
 
-/// Sums over the rows of a function of each value and its column.
+/// Sums a function of each value and its column over the rows, and returns one sum per column.
 fn column_sums(x: &[f64], width: usize, of: impl Fn(f64, usize) -> f64 + Sync) -> Vec<f64> {
     let part = |rows: &[f64]| {
         let mut sums = vec![0.0; width];

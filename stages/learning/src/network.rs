@@ -1,8 +1,8 @@
 //! Small dense networks with linear terms: the models m1 to m2d of Gnadt 2022, chapter 4, and the networks of van der
 //! Meer 2025.
 //!
-//! A [`NetworkShape`] defines the function of one vector of parameters; [`train`] finds the parameters. The caller
-//! scales linear terms, target and, by [`InputScaling`](crate::inputs::InputScaling), inputs.
+//! A [`NetworkShape`] defines a network as a function of one vector of parameters; [`train`] finds the parameters. The
+//! caller scales linear terms, target and, by [`InputScaling`](crate::inputs::InputScaling), inputs.
 //!
 //! ```
 //! use learning::network::{
@@ -29,17 +29,17 @@
 //! For 77 inputs and 8 units, forward and backward passes of 400,000 rows take 19 ms on one core. faer's matrix product
 //! took 12 ms on the same machine, with vectors twice as wide; the difference is a tenth of the time of an epoch. The
 //! kernels sum in one order and by fused multiply-add on every machine, so the bits of a model do not depend on the
-//! training processor. For an epoch of `m1` on two cores, PyTorch takes 3.5 times as long in single precision and 3.9
-//! times as long in double precision. On one core, candle takes 5 times as long in double precision and 1.2 times as
-//! long in single precision (`stages/learning/benches`). Models are in double precision, in which every framework takes
-//! at least twice as long as magline.
+//! training processor. For an epoch of `m1` on two cores, PyTorch takes 3.9 times as long as magline, and in single
+//! precision 3.5 times. On one core, candle takes 5 times as long as magline, and in single precision 1.2 times
+//! (`stages/learning/benches`). Models are in double precision, in which each of these frameworks takes at least twice
+//! as long as magline.
 //!
 //! Batches are cut into blocks of 256 rows, whose gradients are added in order, on any number of threads.
 //!
 //! # Use of the parameters without magline
 //!
-//! For one hidden layer of `h` units with swish and `p` inputs, with numpy and parameters `w` in the order of
-//! [`NetworkShape::names`]:
+//! In numpy, the prediction of a network with `p` inputs and one hidden layer of `h` units with swish is `y`, computed
+//! from the parameters `w` in the order of [`NetworkShape::names`]:
 //!
 //! ```text
 //! z = (x - mean) / scale                               # x: rows of columns

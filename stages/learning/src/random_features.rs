@@ -93,7 +93,7 @@ pub struct RandomFeatures {
     pub weights: Vec<f64>,
     /// The mean of the target.
     pub intercept: f64,
-    /// F, square of the number of features, row-major: (ΦᵀΦ + λ I)⁻¹ = Fᵀ F.
+    /// F, a square matrix with one row per feature, row-major: (ΦᵀΦ + λ I)⁻¹ = Fᵀ F.
     pub factor: Vec<f64>,
     /// σ², the variance of the errors, in the square of the target's unit.
     pub noise_variance: f64,
@@ -130,8 +130,8 @@ pub enum RandomFeatureError {
     NotConverged,
 }
 
-/// Fits a model to rows `x` of `width` columns each and their targets `y`. The columns must be standardised or have one
-/// scale.
+/// Fits a model to rows `x` of `width` columns each and their targets `y`. The columns must be standardised or have the
+/// same scale.
 ///
 /// Cost for n rows and m features (with the columns): 2 n m² operations, and memory of a few times m² numbers.
 ///
@@ -202,7 +202,8 @@ impl RandomFeatureSettings {
 
 impl RandomFeatures {
     /// Predictions of rows of `width` columns each, and the standard deviations of the function at these rows, both in
-    /// the unit of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
+    /// the unit of the target. For the variance of a new reading, add `noise_variance`. NaN for rows that are not
+    /// finite.
     ///
     /// # Errors
     /// Fails for an incomplete row. Also fails if the sizes of the model's parts do not match.

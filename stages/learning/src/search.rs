@@ -32,7 +32,7 @@ pub enum SearchDimension {
         /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
     },
-    /// An unordered choice, with the number of choices, which is at least one.
+    /// An unordered choice; the number is the number of choices, at least one.
     Choice(usize),
 }
 
@@ -78,7 +78,7 @@ pub struct TrialOutcome {
 /// Proposes `count` trials, numbered from `first` on, of the search with `seed` over `dimensions`, given all of
 /// `outcomes`. Trials of one call do not use each other's results.
 ///
-/// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no other trials.
+/// [`ProposalMethod::Tpe`] repeats an earlier trial only if it finds no new one.
 pub fn propose(
     method: ProposalMethod,
     dimensions: &[SearchDimension],
@@ -113,7 +113,7 @@ pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     kept
 }
 
-/// Generator of random bits for one purpose and one trial (or another number).
+/// Generator of random bits for one purpose and one number, such as the number of a trial.
 fn bits(seed: u64, of: &str, number: u64) -> SplitMix64 {
     SplitMix64::new(seed_of(seed, &["search", of, &number.to_string()]))
 }
@@ -150,7 +150,7 @@ impl SearchDimension {
         }
     }
 
-    /// The value at the fraction `u` of its scale, from 0 to 1.
+    /// The value at the fraction `u` (from 0 to 1) of the dimension's scale.
     fn at(&self, u: f64) -> TrialValue {
         let (from, to) = self.ends();
         // Rounding of the logarithm may change the lower end.
@@ -171,8 +171,8 @@ impl SearchDimension {
         }
     }
 
-    /// The interval of its scale that corresponds to a value: a point for a real number, a cell for a whole number or a
-    /// choice.
+    /// The interval of the dimension's scale that corresponds to a value: a point for a real number, a cell for a whole
+    /// number or a choice.
     fn cell(&self, value: TrialValue) -> (f64, f64) {
         let (from, to) = self.ends();
         let part = |x: f64| (x - from) / (to - from);

@@ -286,7 +286,7 @@ impl Forest {
 /// Trains a forest on rows `x` of `width` columns each and their targets `y`, in any units: monotonic functions of a
 /// column do not change the trees. `validation` has rows and targets of other lines or flights. `each` receives the
 /// number of trees so far (from 1) and the mean square errors of the training rows and of the validation rows (NaN
-/// without). If it returns `Break`, training ends and the trees so far are returned.
+/// without validation rows). If it returns `Break`, training ends and the trees so far are returned.
 ///
 /// A constant column is never split. Training ends early if no split has a gain.
 ///

@@ -24,7 +24,7 @@ fn finite(a: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     let n = a.len();
-    // The computed mean of equal values may differ from the values by rounding, and the differences would appear
+    // Rounding can make the computed mean of a constant column differ from its value. These differences would appear
     // correlated.
     let constant = |x: &[f64]| x.windows(2).all(|pair| pair[0] == pair[1]);
     if n < 2 || constant(a) || constant(b) {

@@ -14,9 +14,9 @@ use crate::{draws, rows::setting};
 /// of the background, up to sampling errors. `gradient` returns the derivatives with respect to all columns, row by
 /// row.
 ///
-/// Background rows are used in turn, so their counts differ by at most one. The interval of the path parameter a is
-/// divided into one equal part per sample, and one value of a is drawn from each part. The standard errors assume
-/// independent draws and are therefore upper estimates.
+/// Background rows are used in turn, so the numbers of their uses differ by at most one. The interval of the path
+/// parameter a is divided into equal parts, one per sample, and one value of a is drawn from each part. The standard
+/// errors assume independent draws and are therefore upper estimates.
 ///
 /// # Errors
 /// Fails for values that are not finite, a column that is not in exactly one group, or fewer than two samples. Also

@@ -23,7 +23,8 @@ pub struct MorrisDesign {
 /// Elementary effects of one group, in the unit of the prediction per range of the column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElementaryEffects {
-    /// Effect in each trajectory; for a group of several columns, which move together, its absolute value.
+    /// Effect in each trajectory. For a group of several columns, which move together, the absolute value of the
+    /// effect.
     pub effects: Vec<f64>,
 }
 
@@ -76,11 +77,11 @@ pub fn morris<E: Send>(
     elementary_effects(&points, &y, groups, design.levels)
 }
 
-/// Effects from the points of trajectories in the unit cube and their predictions. Each trajectory has one point more
-/// than there are groups. Consecutive points differ in the columns of one group.
+/// Computes effects from the points of trajectories in the unit cube and from the predictions at these points. Each
+/// trajectory has one point more than there are groups. Consecutive points differ in the columns of one group.
 ///
 /// # Errors
-/// Fails for another number of points, or for a trajectory that does not move each group once.
+/// Fails for a wrong number of points, or for a trajectory that does not move each group once.
 pub fn elementary_effects<E>(
     points: &[f64],
     y: &[f64],
@@ -113,7 +114,7 @@ pub fn elementary_effects<E>(
     }
 }
 
-/// Step Δ as a part of the range.
+/// Step Δ as a fraction of the range.
 fn step(levels: usize) -> f64 {
     levels as f64 / (2.0 * (levels as f64 - 1.0))
 }

@@ -54,7 +54,7 @@ struct ShapleySampler<'a, E> {
 }
 
 impl<E> ShapleySampler<'_, E> {
-    /// The values of a row with the prediction `found`, and their errors.
+    /// The Shapley values of a row and their errors; `found` is the prediction of the row.
     fn row(&self, number: usize, x: &[f64], found: f64) -> RowAttributions<E> {
         let (count, groups, samples) = (self.of_background.len(), self.groups.len(), self.sampling.samples);
         let each = 2 * samples * groups.saturating_sub(1);
@@ -133,8 +133,8 @@ impl<E> ShapleySampler<'_, E> {
 }
 
 /// Shapley values of a linear model with the given coefficients, for independent features. The value of a group is the
-/// sum over its columns of the coefficient times the column minus `means`, its mean over the background [Lundberg and
-/// Lee 2017, corollary 1]. Groups may overlap, and columns may be in no group.
+/// sum over its columns of the coefficient times (value − mean), where `means` holds the means of the columns over the
+/// background [Lundberg and Lee 2017, corollary 1]. Groups may overlap, and columns may be in no group.
 ///
 /// # Errors
 /// Fails for values that are not finite, the wrong number of values, or invalid groups.

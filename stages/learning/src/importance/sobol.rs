@@ -10,7 +10,7 @@ use crate::{
     rows::{entries, setting},
 };
 
-/// Number of bootstrap samples of an interval.
+/// Number of bootstrap samples from which an interval is computed.
 const RESAMPLES: usize = 1000;
 
 /// Sampling of Sobol indices.
@@ -54,14 +54,15 @@ pub struct SobolPredictions {
 }
 
 /// Sobol indices of groups of columns that are uniform and independent over their `ranges` (lower and upper bound)
-/// [Sobol 2001]. With the predictions y of the matrices A, B and A with the columns of group i from B
+/// [Sobol 2001]. Let y_A and y_B be the predictions for the rows of the matrices A and B, and y_ABi the predictions for
+/// A with the columns of group i from B. The indices are
 ///
 /// ```text
 /// S_i = mean(y_B (y_ABi − y_A))/V,     T_i = mean((y_A − y_ABi)²)/2V,     V = variance of y_A and y_B
 /// ```
 ///
 /// [Saltelli et al. 2010; Jansen 1999]. The mean of all predictions is subtracted first. The rows of A and B are
-/// random, so that the bootstrap over the rows gives the sampling error. An index may be slightly negative by chance.
+/// random, so the bootstrap over the rows gives the sampling error. An index may be slightly negative by chance.
 ///
 /// # Errors
 /// Fails for invalid ranges, groups or settings. Also fails with [`ImportanceError::Constant`] if the predictions are
@@ -115,7 +116,7 @@ pub fn sobol_indices<E>(predictions: &SobolPredictions, seed: u64) -> Result<Vec
     Ok(mixed.par_iter().map(one).collect())
 }
 
-/// First-order and total index from some rows.
+/// First-order and total index, computed from a selection of rows.
 fn estimates([a, b, mixed]: [&Vec<f64>; 3], mean: f64, rows: &[usize]) -> [f64; 2] {
     let count = rows.len() as f64;
     let (mut sum, mut squares, mut first, mut total) = (0.0, 0.0, 0.0, 0.0);

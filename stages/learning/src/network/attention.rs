@@ -1,6 +1,7 @@
 //! A transformer encoder over a window: one layer of multi-head self-attention. [Vaswani et al. 2017]
 //!
-//! Let x be the inputs of T samples, with d units and h heads of d/h units, and LN the layer normalisation:
+//! The encoder has d units and h heads of d/h units each. Let x be the inputs of T samples, and LN the layer
+//! normalisation:
 //!
 //! ```text
 //! e = √d (We x + be) + P            embedding and trained position of each sample
@@ -31,7 +32,8 @@ pub(super) struct EncoderSizes {
     pub heads: usize,
 }
 
-/// Matrices of the parameters: name, rows, columns, and whether its numbers are weights. A vector has one column.
+/// Matrices of parameters, each with its name, its numbers of rows and columns, and whether it holds weights. A vector
+/// has one column.
 pub(super) type EncoderPart = (&'static str, usize, usize, bool);
 
 impl EncoderSizes {
@@ -355,7 +357,7 @@ impl FeatureExtractor for TransformerEncoder {
     }
 }
 
-/// Replaces numbers by their exponentials, divided by the sum of these.
+/// Replaces numbers by their exponentials, divided by the sum of the exponentials.
 fn softmax(x: &mut [f64]) {
     let largest = x.iter().fold(f64::NEG_INFINITY, |most, x| x.max(most));
     let mut sum = 0.0;

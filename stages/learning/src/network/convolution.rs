@@ -3,8 +3,8 @@
 //!
 //! Each layer combines two samples that are 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). The last
 //! sample of a window depends only on every second result of the previous layer. With a window of 2ⁿ samples in order,
-//! each layer therefore combines adjacent pairs of these results. It is computed as a dense layer whose rows are the
-//! pairs.
+//! each layer therefore combines adjacent pairs of these results. The convolution is computed as a dense layer whose
+//! rows are the pairs.
 
 use super::activation::ActivationFunction;
 use super::kernels::{WeightPanels, add_outer, affine, padded};
@@ -29,7 +29,7 @@ pub(super) struct ConvolutionLayers {
 
 struct ConvolutionLayer {
     inputs: usize,
-    /// Values per sample in the rows of this layer, padded from the second layer on.
+    /// Number of values per sample in the input rows of this layer; padded from the second layer on.
     stride: usize,
     forward: WeightPanels,
     backward: WeightPanels,

@@ -9,12 +9,12 @@
 //! | 5 | 0.6 to 1 | all parameters | on | all |
 //!
 //! The constant of the prediction is trained in every phase. A sample is near the mean if the error of the initial
-//! coefficients at the sample differs from the mean error by at most a number of standard deviations. Adam starts again
-//! in each phase. The best epoch is selected, and the patience is counted, from phase 4 on.
+//! coefficients at the sample differs from the mean error by at most a given number of standard deviations. Adam starts
+//! again in each phase. The best epoch is selected, and the patience is counted, from phase 4 on.
 //!
-//! MagNav.jl 1.3.3 compares the losses of all phases with each other. If the smallest loss is in phases 1 to 3, its
-//! model contains the untrained network, which these losses exclude. With its five default epochs, phases 2 and 3 are
-//! empty.
+//! MagNav.jl 1.3.3 compares the losses of all phases with each other. If the smallest loss is in phases 1 to 3, the
+//! selected model contains the untrained network, although these losses exclude the network. With MagNav.jl's default
+//! of five epochs, phases 2 and 3 are empty.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -28,7 +28,7 @@ use super::windowed::NetworkArchitecture;
 
 /// Ends of all phases except the last, in tenths of the epochs.
 const ENDS: [usize; 4] = [1, 2, 3, 6];
-/// Number of epochs in which each phase has an epoch.
+/// Minimum number of epochs with at least one epoch in each phase.
 pub const CURRICULUM_EPOCHS: usize = 10;
 /// Number of permanent terms.
 const PERMANENT: usize = 3;
@@ -67,8 +67,8 @@ impl NetworkTraining {
         (0..self.epochs).find(|epoch| TrainingPhase::has_network(self.phase(*epoch))).unwrap_or(0)
     }
 
-    /// Parameters of the prediction in a phase, from trained parameters: coefficients of the original terms, and no
-    /// network where it is off.
+    /// Parameters of the prediction in a phase, computed from the trained parameters. The coefficients belong to the
+    /// unscaled terms, and the output layer is zero in the phases without the network.
     pub(super) fn plain<'p>(
         &self,
         model: NetworkArchitecture<'_>,
@@ -102,7 +102,7 @@ impl NetworkTraining {
         }
     }
 
-    /// Ranges of the parameters that a phase trains. The second may be empty.
+    /// Ranges of the parameters that a phase trains. The second range may be empty.
     pub(super) fn trained(&self, model: NetworkArchitecture<'_>, phase: Option<TrainingPhase>) -> [Range<usize>; 2] {
         let head: &NetworkShape = model.head;
         let (first, end) = (model.head_start() + head.linear_start(), model.parameters());
@@ -115,7 +115,7 @@ impl NetworkTraining {
         }
     }
 
-    /// Rows near the mean, which are the rows of the first phases; without a curriculum, all rows.
+    /// Whether each row is near the mean and used in the first phases; `None` without a curriculum.
     ///
     /// # Errors
     /// Fails if no row is near the mean.

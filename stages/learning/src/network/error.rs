@@ -54,7 +54,7 @@ pub enum TrainingError {
     /// The initial state does not match the network.
     #[error("there are {given} initial parameters, but this network requires {expected} finite ones")]
     Start {
-        /// Number of finite parameters, or of mismatched coefficients or moments.
+        /// Number of finite parameters; if the number of coefficients or moments is wrong, that number.
         given: usize,
         /// Required number.
         expected: usize,

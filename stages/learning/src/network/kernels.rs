@@ -193,7 +193,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Uses only the vectors that K numbers fill.
+    // Uses only as many vectors as the K numbers fill.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {

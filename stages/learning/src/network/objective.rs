@@ -16,7 +16,7 @@ use super::windowed::{FeatureExtractor, MemoryLayers, NetworkArchitecture, Windo
 
 /// Number of blocks whose gradients are in memory together.
 const ROUND: usize = 64;
-/// Number of rows times number of parameters below which a second thread costs more than it saves.
+/// Work (number of rows times number of parameters) below which a second thread costs more time than it saves.
 const LEAST_TO_SPREAD: usize = 200_000;
 
 /// Rows over which the objective is averaged.
@@ -195,8 +195,8 @@ impl<'a> TrainingObjective<'a> {
         }
     }
 
-    /// Stores the sums of terms with the linear coefficients of these parameters for all later calls, if training does
-    /// not change the coefficients. The terms are then not read again.
+    /// If training does not change the linear coefficients, stores the sums of the terms times these coefficients for
+    /// all later calls. The terms are then not read again.
     pub fn hold_fixed(&mut self, parameters: &[f64]) {
         let head = self.model.head;
         let linear = self.samples.terms(head);
@@ -247,7 +247,7 @@ impl<'a> TrainingObjective<'a> {
         let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = taken.unwrap_or_else(|| ObjectiveWorkspace {
             buffers: BlockWorkspace::new(self.model.head),
-            // The inputs of a whole window are the features themselves.
+            // For a network over a whole window, the inputs of the window are the features.
             body: self.model.windowed.filter(|w| w.memory != MemoryLayers::Window).map(WindowedNetworkShape::body),
             features: vec![],
             d_features: vec![],

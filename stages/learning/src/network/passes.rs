@@ -321,7 +321,7 @@ impl NetworkShape {
 
     /// Predictions for rows of scaled inputs and of linear terms (empty if there are none), in the scale of the target.
     /// The vector forms require rows of [`VectorFrame::rows`](super::VectorFrame::rows) instead of linear terms. All
-    /// are NaN if parameters or terms do not match the shape. A row with a NaN input is NaN.
+    /// are NaN if parameters or terms do not match the shape. The prediction of a row with a NaN input is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
             buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);

@@ -22,8 +22,8 @@ choice! {
         TrainedLinear = "m2c",
         /// a·(N(x) + b) with b given and fixed: model 2d.
         WeightsAroundFixed = "m2d",
-        /// f(v) + c with the vector field v of trained Tolles-Lawson coefficients, its scalar f, and a trained
-        /// constant: model 3tl. It has no inputs. [`VectorFrame`](super::VectorFrame) defines f.
+        /// f(v) + c with the vector field v from trained Tolles-Lawson coefficients, the scalar field f(v), and a
+        /// trained constant c: model 3tl. It has no inputs. [`VectorFrame`](super::VectorFrame) defines f.
         VectorOnly = "m3tl",
         /// f(v) + N(x): models 3s, 3sc, 3w and 3tf.
         VectorScalar = "m3s",
@@ -169,7 +169,7 @@ impl NetworkShape {
     }
 
     /// Coefficients b of the linear terms, in the scale of the target; empty for a form without them. `parameters` may
-    /// begin with those of memory layers.
+    /// begin with the parameters of memory layers.
     pub fn linear_coefficients<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
         let count = if self.form.holds_linear() { self.linear } else { 0 };
         let end = parameters.len().saturating_sub(usize::from(self.has_constant()));
@@ -223,7 +223,7 @@ impl NetworkShape {
     }
 }
 
-/// Purpose of random numbers; each has a separate stream.
+/// Purpose of random numbers; each purpose has a separate stream.
 #[derive(Clone, Copy)]
 pub(super) enum NetworkRandomStream {
     Weights = 1,

@@ -22,7 +22,7 @@ pub struct TrainingState {
     pub second_moments: Vec<f64>,
     /// `beta_1` and `beta_2` to the power of the number of steps.
     pub powers: [f64; 2],
-    /// Factor of the learning rate after the plateaus so far.
+    /// Factor by which all plateaus so far have reduced the learning rate.
     pub rate_factor: f64,
     /// The epochs since the last improvement or reduction of the rate.
     pub on_plateau: usize,

@@ -13,16 +13,16 @@ const CHUNK: usize = 4096;
 ///
 /// A step of Adam moves every coefficient by about the learning rate, so terms should have equal size and low
 /// correlation. If their coefficients are trained ([`NetworkForm::TrainedLinear`]), the terms a become u = (a − mean)
-/// M, which have variance 1 and, with `whiten`, are uncorrelated. The coefficients b = M c become c, and the output's
-/// bias absorbs mean·b. M is invertible, so both networks give the same predictions, up to rounding.
+/// M, which have variance 1 and, with `whiten`, are uncorrelated. The coefficients b = M c are replaced by c, and the
+/// output's bias absorbs mean·b. M is invertible, so both networks give the same predictions, up to rounding.
 ///
 /// The vector forms train the coefficients c too, but compute the field from vectors and b = M c. The constant of the
 /// prediction is then the trained constant − mean·(b − b₀), with the initial coefficients b₀. The gradient with respect
 /// to c follows by the chain rule.
 ///
-/// Terms that the network weights ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) are not scaled: each
-/// has its own output, and scaling would amplify terms that hardly vary. The other forms do not train coefficients of
-/// terms.
+/// If the outputs of the network are the weights of the terms ([`NetworkForm::Weights`],
+/// [`NetworkForm::WeightsAroundFixed`]), the terms are not scaled: each term has its own output, and scaling would
+/// amplify terms that hardly vary. The other forms do not train coefficients of terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
     /// Tolles-Lawson value at the mean of the terms.
@@ -45,7 +45,7 @@ impl TermScaling {
     /// components beyond the kept components are divided by the standard deviation of the last kept component.
     ///
     /// # Errors
-    /// Fails for an incomplete row, no rows, a `whiten` out of range, or without convergence.
+    /// Fails for an incomplete row, no rows, a `whiten` out of range, or a decomposition that does not converge.
     pub fn new(
         form: NetworkForm,
         a: &[f64],
@@ -81,7 +81,7 @@ impl TermScaling {
                 TermTransform::whitening(mean, prepared.scales(), &singular.right, &deviations)
             }
             None => {
-                // A smaller standard deviation is the rounding of a constant.
+                // A standard deviation below this limit is the rounding error of a constant column.
                 let size = |(mean, deviation): (&f64, f64)| {
                     if deviation > LEAST_DEVIATION * mean.abs() { usable(deviation) } else { 1.0 }
                 };
@@ -172,7 +172,8 @@ impl TermTransform {
         Self { mean, to: of(|size| 1.0 / size), back: of(|size| size) }
     }
 
-    /// Directions of scaled columns, each divided by its standard deviation.
+    /// Transform to components along the `directions` of the scaled columns, each divided by the component's standard
+    /// deviation.
     fn whitening(mean: Vec<f64>, scales: &[f64], directions: &[Vec<f64>], deviations: &[f64]) -> Self {
         let width = scales.len();
         let (mut to, mut back) = (vec![0.0; width * width], vec![0.0; width * width]);

@@ -18,13 +18,14 @@ use super::windowed::{NetworkArchitecture, SampleRuns, WindowedNetworkShape};
 const TRAIN: &str = "to train on";
 const VALIDATE: &str = "to validate with";
 
-/// Callback after each epoch with its losses and the state after it; it can stop the training.
+/// Callback after each epoch. It receives the losses of the epoch and the state after the epoch, and can stop the
+/// training.
 pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> ControlFlow<()> + 'a;
 
 /// Trains a network from a start, or resumes from the state at the end of an epoch of the same training.
 ///
-/// Results are bit-identical on any number of threads, for resumed trainings, and when trained with others
-/// ([`train_together`]).
+/// Results are bit-identical on any number of threads, for resumed training, and for training together with other
+/// networks ([`train_together`]).
 ///
 /// # Errors
 /// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, or patience
@@ -168,7 +169,7 @@ impl<'a> TrainingJob<'a> {
         gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
     }
 
-    /// Starts Adam again at the start of a phase of the curriculum.
+    /// Restarts Adam at the start of a phase of the curriculum.
     fn enter_phase(&mut self) {
         let epoch = self.state.epoch;
         if epoch > 0 && self.training.phase(epoch) != self.training.phase(epoch - 1) {

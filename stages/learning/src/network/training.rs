@@ -155,10 +155,10 @@ pub struct NetworkTraining {
     pub physics: f64,
     /// For a vector form, the scaling in which the coefficients are trained.
     pub conditioning: Option<TermScaling>,
-    /// For a vector form with a network, trains in the phases of a curriculum. The number is the limit, in standard
-    /// deviations, of the samples of the first phases.
+    /// For a vector form with a network, trains in the phases of a curriculum. The number is the largest deviation, in
+    /// standard deviations, of the samples that the first phases use.
     pub curriculum: Option<f64>,
-    /// Number of epochs without a new minimum of the validation loss after which training ends.
+    /// Training ends after this number of consecutive epochs without a new minimum of the validation loss.
     pub patience: Option<usize>,
     /// Seed of the order of the samples and of dropout.
     pub seed: u64,

@@ -14,7 +14,7 @@ use super::shape::{DenseLayer, NetworkRandomStream, NetworkShape, derived_seed, 
 use super::state::TrainingState;
 use super::training::NetworkSamples;
 
-/// Largest initial position of a transformer.
+/// Largest absolute value of a transformer's initial position parameters.
 const MOST_POSITION: f64 = 0.02;
 
 choice! {

@@ -89,8 +89,8 @@ impl<'a> ParzenDensity<'a> {
         };
         let centres: Vec<Vec<f64>> = trials.iter().map(|t| dimensions.iter().zip(*t).map(middle).collect()).collect();
         let n = centres.len().max(1) as f64;
-        // Scott's rule with a factor for a scale of 1 and a lower limit, so that the kernels of few trials leave no
-        // gaps.
+        // Scott's rule, with a factor of 0.2 for a scale of length 1. With a lower limit, the kernels of a few trials
+        // leave no gaps.
         let scott = 0.2 * n.powf(-1.0 / (dimensions.len() as f64 + 4.0));
         let width = scott.max(1.0 / (n + 2.0).min(100.0));
         ParzenDensity { dimensions, centres, width }

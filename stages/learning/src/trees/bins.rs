@@ -97,7 +97,7 @@ fn thresholds(x: &[f64], width: usize, column: usize) -> Vec<f64> {
     edges
 }
 
-/// A number at least `lower` and, if they differ, below `upper`.
+/// A number that is at least `lower` and, if the two limits differ, below `upper`.
 fn middle(lower: f64, upper: f64) -> f64 {
     let middle = 0.5 * lower + 0.5 * upper;
     if middle >= lower && middle < upper { middle } else { lower }
@@ -129,7 +129,7 @@ mod tests {
         let column = |j: usize| bins.packed(0).iter().map(|b| b[j]).collect::<Vec<_>>();
         assert_eq!(column(0), [1, 2, 0, 0]);
         assert_eq!((column(1), bins.count(1)), (vec![0; 4], 1));
-        // Nine of ten rows have the same value. It has a separate bin, and the other values keep their bins.
+        // Nine of ten rows have the same value. This value has a separate bin, and the other values keep their bins.
         let x: Vec<f64> = (0..10_000).map(|k| if k % 10 == 0 { f64::from(k) } else { 0.5 }).collect();
         let bins = ColumnBins::from_rows(&x, 1);
         assert!(bins.count(0) > 20 && bins.count(0) < 40, "{}", bins.count(0));

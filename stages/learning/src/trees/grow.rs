@@ -9,7 +9,8 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum ratio of a gain to the terms whose difference it is. Smaller gains are rounding errors.
+/// Minimum ratio of a gain to the larger of the two scores whose difference is the gain. Smaller gains are rounding
+/// errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
@@ -63,7 +64,8 @@ impl<'a> TreeGrower<'a> {
         Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
     }
 
-    /// Selects the rows of the next tree: the rows that `some` returns for the number of rows, or all rows.
+    /// Selects the rows of the next tree. `some` receives the number of rows and returns the selected rows, or `None`
+    /// for all rows.
     pub fn draw(&mut self, some: impl Fn(usize) -> Option<Vec<u32>>) {
         let drawn = some(self.bins.rows);
         self.partial = drawn.is_some();
