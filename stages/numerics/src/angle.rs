@@ -2,7 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-/// Angle in degrees wrapped to -180 (included) to 180 (excluded). An angle already in the range is bit-identical.
+/// Angle in degrees wrapped to -180 (included) to 180 (excluded). An angle that is already in the range is returned
+/// unchanged.
 pub fn wrap_deg(angle_deg: f64) -> f64 {
     if (-180.0..180.0).contains(&angle_deg) {
         return angle_deg;

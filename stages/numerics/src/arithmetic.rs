@@ -2,8 +2,8 @@
 //!
 //! IEEE 754 fixes the four operations and the square root. It does not fix sines, exponentials and powers, which come
 //! from the system's mathematical library. Nor does it fix the order of the sums in a matrix product or a Fourier
-//! transform, which depends on the vector unit and the caches of the processor. Two machines with bit-identical
-//! [`probe`] give the same results for the functions that it covers; otherwise results differ by rounding.
+//! transform, which depends on the vector unit and the caches of the processor. If [`probe`] is bit-identical on two
+//! machines, they give the same results for the functions that it covers; otherwise results differ by rounding.
 
 use std::f64::consts::TAU;
 

@@ -5,7 +5,7 @@ use crate::regression::least_squares::{
     LeastSquaresError, LinearFit, RegressionMoments, ScaledFactor, expect, setting,
 };
 
-/// Minimum component at which a term is listed in a weak direction.
+/// A term is listed in a weak direction if its component is at least this large.
 const NAMED_FROM: f64 = 0.1;
 
 /// A combination of terms that the rows barely excite.
@@ -131,8 +131,8 @@ impl TrivialSolution {
         self.share > 0.5
     }
 
-    /// Whether the loss of the fit is less than the loss of the trivial solution, so that the ridge excludes the
-    /// trivial solution.
+    /// Whether the loss of the fit is less than the loss of the trivial solution, that is, whether the ridge excludes
+    /// the trivial solution.
     pub fn is_excluded(&self) -> bool {
         self.loss < self.trivial_loss
     }
@@ -142,8 +142,8 @@ impl TrivialSolution {
 ///
 /// `unfiltered` holds the unfiltered terms and `fitted` the rows of the fit; both have the terms `names` in the same
 /// order. The terms `xx`, `yy` and `zz` are required; all others are arbitrary. `scale_nt` is the scale s of the
-/// induced terms; `lambda` is the ridge parameter of unscaled columns. `None` if a diagonal term is missing, so that
-/// the trivial solution cannot be expressed.
+/// induced terms; `lambda` is the ridge parameter of unscaled columns. `None` if a diagonal term is missing, because
+/// the trivial solution cannot be expressed without it.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] if the number of names, unfiltered terms or coefficients differs from the

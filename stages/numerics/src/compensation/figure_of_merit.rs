@@ -119,7 +119,7 @@ fn mean_heading_deg(yaw_deg: &[f64]) -> f64 {
     f64::atan2(sin, cos).to_degrees()
 }
 
-/// `x` minus its mean within [`TREND_S`] before and after.
+/// `x` minus its mean over the samples within [`TREND_S`] before and after each sample.
 fn about_trend(tt_s: &[f64], x: &[f64]) -> Vec<f64> {
     let n = tt_s.len().min(x.len());
     let (mut from, mut to, mut sum) = (0, 0, 0.0);
@@ -193,8 +193,8 @@ mod tests {
 
     use super::*;
 
-    /// Time, attitude and a signal with sensitivity `nt_per_deg` to each axis: a box with turns at 10 Hz. Each
-    /// manoeuvre has three periods of 6 s.
+    /// A box with turns, sampled at 10 Hz: time, attitude, and a signal with the sensitivity `nt_per_deg` to each axis.
+    /// Each manoeuvre has three periods of 6 s.
     fn square(amplitude_deg: [f64; 3], nt_per_deg: [f64; 3]) -> (Vec<f64>, [Vec<f64>; 3], Vec<f64>) {
         let leg_s = 100.0;
         let tt: Vec<f64> = (0..4800).map(|k| 0.1 * f64::from(k)).collect();

@@ -44,7 +44,7 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
 pub fn tilted(body_to_ned: &Matrix3<f64>, tilt_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle = tilt_rad.norm();
     let cross = skew(tilt_rad);
-    // sin(m)/m and (1-cos m)/m². The latter is computed from the half angle to avoid cancellation.
+    // sin(m)/m and (1-cos m)/m². The second factor is computed from the half angle to avoid cancellation.
     let first = sinc(angle);
     let second = 0.5 * sinc(0.5 * angle).powi(2);
     (Matrix3::identity() - cross * first + cross * cross * second) * body_to_ned
@@ -127,7 +127,7 @@ mod tests {
             0.974_774_417_003_640_8,
         );
         let second_order = skew(&tilt) * skew(&tilt) * golden();
-        // Our result minus MagNav.jl's is Ψ×Ψ× C up to fourth order, |Ψ|⁴ = 2e-10 /12.
+        // Our result minus MagNav.jl's is Ψ×Ψ× C, with an error of fourth order: |Ψ|⁴/12 with |Ψ|⁴ = 2e-10.
         let difference = tilted(&golden(), &tilt) - theirs;
         assert!((difference - second_order).abs().max() < 1e-10);
         assert!((theirs * theirs.transpose() - Matrix3::identity()).abs().max() > 1e-6);

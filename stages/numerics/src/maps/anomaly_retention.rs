@@ -17,9 +17,9 @@
 //! a dozen independent samples. The standard error includes this effect: if a and e are independent, the variance of Σ
 //! a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is
 //! computed as the mean square of Σ a e over all circular shifts of one series against the other, with one Fourier
-//! transform of each. Fitting the slope removes one degree of freedom from e. The number of independent samples, 1 over
-//! the mean squared correlation of the shifts, corrects for it. A retention within two standard errors of 1 is no
-//! evidence of a loss.
+//! transform of each. Fitting the slope removes one degree of freedom from e. The standard error is corrected for this
+//! with the number of independent samples, which is 1 over the mean squared correlation of the shifts. A retention
+//! within two standard errors of 1 is no evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -196,7 +196,7 @@ mod tests {
         for kept in [1.0, 0.0, 0.6, 1.3, -0.2] {
             let lost: Vec<f64> = anomaly.iter().map(|a| (kept - 1.0) * a + 12.0).collect();
             let found = anomaly_retention(&sum(&reference, &lost), &reference, &anomaly).unwrap();
-            // Rounding of 5.4e4 nT against 80: 1e-13.
+            // The rounding error of 5.4e4 nT is about 1e-13 of the anomaly of 80 nT.
             assert!((found.slope - kept).abs() < 1e-11, "{found:?}");
             assert!(found.residual_nt < 1e-10 && found.standard_error < 1e-9 && found.n == ROWS, "{found:?}");
             assert!(kept == 0.0 || (found.correlation - kept.signum()).abs() < 1e-9, "{found:?}");
@@ -232,7 +232,8 @@ mod tests {
             said += found.standard_error.powi(2) / DRAWS as f64;
             textbook += (found.residual_nt / found.anomaly_nt).powi(2) / ROWS as f64 / DRAWS as f64;
         }
-        // 300 draws determine a variance to 8 %; each estimated error is based on equally few independent samples.
+        // 300 draws determine a variance to 8 %. Each standard error is also an estimate, from about 30 independent
+        // samples.
         assert!((said / scatter - 1.0).abs() < 0.35, "{said} {scatter}");
         assert!(scatter > 20.0 * textbook, "{scatter} {textbook}");
     }

@@ -21,14 +21,15 @@ use thiserror::Error;
 pub struct WeightedMap<'a> {
     /// The map.
     pub grid: &'a PlaneGrid,
-    /// Weight of its values in [`BlendMethod::Average`], above zero; for example the inverse square of the map's error.
+    /// Weight of the map's values in [`BlendMethod::Average`], above zero; for example the inverse square of the map's
+    /// error.
     pub weight: f64,
 }
 
 /// Rule for merging the values of several maps at one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BlendMethod {
-    /// The first map with a value at the node, blended into the next map towards its edge.
+    /// The first map with a value at the node; towards its edge it is blended into the next map.
     #[default]
     Priority,
     /// Weighted mean; the weight of each map decreases towards its edge.
@@ -68,7 +69,7 @@ pub struct MapDifference {
 /// The overlap of two maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapOverlap {
-    /// The first map, from 0 in the order given.
+    /// Index of the first map, from 0 in the given order.
     pub first: usize,
     /// The second.
     pub second: usize,

@@ -199,7 +199,7 @@ mod tests {
         let still = vec![0.25; tt.len()];
         let found = figure_of_merit_crossings(&still, &still, &z, &tt);
         assert_eq!(found.stride, 4);
-        // Half of the pairs differ by 1: √½, except for pairs within a second.
+        // Half of the pairs differ by 1, so the root mean square is √½, except for pairs within a second.
         assert!((found.figure.value - 0.5f64.sqrt()).abs() < 1e-3);
     }
 }

@@ -218,8 +218,8 @@ pub struct GriddingResult {
 /// Cleans and grids the points of a survey.
 ///
 /// # Errors
-/// Returns the errors of [`check`], [`fit`] for the points that cleaning keeps and [`FittedSurface::grid`], and with
-/// folds as [`cross_validate`].
+/// Returns the errors of [`check`], of [`fit`] for the points that cleaning keeps, of [`FittedSurface::grid`] and, if
+/// there are folds, of [`cross_validate`].
 pub fn grid(
     points: SurveyPoints,
     options: &GriddingOptions,

@@ -23,8 +23,8 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LevellingGauge {
     /// The group (ties or other lines) whose corrections have the smaller scatter keeps its median correction at zero.
-    /// If the lines are out of level, this is the group of ties, and the other way round. If both scatters are equal,
-    /// it is the group of lines.
+    /// If the lines are out of level, this is the group of ties; if the ties are out of level, it is the group of
+    /// lines. If both scatters are equal, it is the group of lines.
     Steadiest,
     /// The mean of the tie lines' corrections is zero; without ties, the mean of all corrections.
     TiesMean,

@@ -274,7 +274,7 @@ impl FieldLookup for MapStack {
     }
 }
 
-/// The end level with the slope of the straight line to its neighbour, `way_m` higher.
+/// The end level, with the slope of the straight line to the neighbouring level, which is `way_m` higher.
 fn with_secant(end: SurfaceGradient<2>, inner: SurfaceGradient<2>, way_m: f64) -> SurfaceGradient<2> {
     let secant = |end: [f64; 2], inner: [f64; 2]| [end[0], (inner[0] - end[0]) / way_m];
     SurfaceGradient {

@@ -179,8 +179,8 @@ impl MapSurface {
 
     /// Anomaly at a height in metres, to first order: the map's value plus its vertical derivative times the distance
     /// from the map's height. The gradient is the exact derivative of this value. The caller must limit the distance:
-    /// the error increases with its square divided by the depth of the sources. A map without a vertical derivative is
-    /// constant with height.
+    /// the error increases with the square of the distance divided by the depth of the sources. A map without a
+    /// vertical derivative is constant with height.
     #[inline(always)]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.off_map(self.axes.cell(lat_deg, lon_deg)?, alt_m)

@@ -104,7 +104,7 @@ impl MapPowerSpectrum {
         let mut sums: Vec<SpectrumRing> = vec![];
         for (k_rad, power, waves) in spectrum.each_wave().skip(1) {
             let (k, count) = (k_rad / std::f64::consts::TAU, waves as f64);
-            // A wave between two rings belongs to the upper one, independent of rounding.
+            // A wave between two rings belongs to the upper one, regardless of rounding.
             let at = (k / width + 1e-9).round() as usize;
             if sums.len() <= at {
                 sums.resize(at + 1, SpectrumRing { wavenumber_per_m: 0.0, density: 0.0, waves: 0 });

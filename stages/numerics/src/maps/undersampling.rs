@@ -145,8 +145,8 @@ mod tests {
         PlaneGrid { east_m: axis, north_m: axis, values: (0..count * count).map(at).collect() }
     }
 
-    /// True error of the spline through the nodes of a map and the estimated standard deviation, at all fine nodes away
-    /// from the edges.
+    /// True error of the spline through the nodes of a map, and the estimate of its standard deviation, at all fine
+    /// nodes away from the edges.
     fn errors_of(all: &[f64], step: usize) -> Vec<[f64; 2]> {
         let map = thinned(all, step);
         let sigma = interpolation_error(&map).unwrap();

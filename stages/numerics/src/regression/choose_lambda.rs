@@ -23,7 +23,7 @@ pub struct LambdaPoint {
     pub residual_squares: f64,
     /// ‖b‖ for the coefficients of the scaled columns.
     pub size: f64,
-    /// The effective number of parameters, with the intercept.
+    /// The effective number of parameters, including the intercept.
     pub degrees_of_freedom: f64,
     /// n ‖r‖²/(n − degrees of freedom)²: the expected mean squared error at unseen rows, if the noise is uncorrelated.
     /// NaN without remaining degrees of freedom. [Golub, Heath & Wahba 1979]
@@ -49,7 +49,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
 ///
 /// # Errors
 ///
-/// Fails for an uneven grid, an unknown target, or without convergence.
+/// Fails for an uneven grid, an unknown target, or a decomposition that does not converge.
 pub fn curve(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
     let wanted = "in a list whose logarithms ascend in equal steps";
     let first = lambdas.first().copied().unwrap_or(1.0);

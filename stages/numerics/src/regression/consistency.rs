@@ -76,8 +76,9 @@ pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic 
     SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// Autocorrelation of `x` about 0 at a lag, in samples, divided by the mean square of `x`, and its number of pairs.
-/// Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a series of zeros.
+/// Autocorrelation of `x`, without subtracting the mean, at a lag in samples, divided by the mean square of `x`; and
+/// its number of pairs. Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a
+/// series of zeros.
 pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
     let pairs = products().count();
@@ -98,9 +99,9 @@ fn stride(x: &[f64]) -> usize {
 }
 
 /// Share of the autocorrelations of `x`, at lags of 1 to `lags` finite values, within 1.96/√n, where n is the number of
-/// pairs of a lag. The expected value is 0.95 for white noise of mean 0. Autocorrelations are about 0, so that a bias
-/// is not treated as white noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice
-/// the lags, and for a series of zeros.
+/// pairs of a lag. The expected value is 0.95 for white noise of mean 0. Autocorrelations are computed without
+/// subtracting the mean, so that a bias is not treated as white noise. Pairs with a value that is not finite are
+/// excluded. NaN for fewer samples than twice the lags, and for a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
@@ -173,7 +174,7 @@ pub fn normalised_innovations(residual: &[f64], nis: &[f64]) -> Vec<f64> {
     residual.iter().zip(nis).map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect()
 }
 
-/// Statistical inefficiency of `x`: its number of finite values over [`effective_samples`], at least 1. NaN for a
+/// Statistical inefficiency of `x`: its number of finite values divided by [`effective_samples`], at least 1. NaN for a
 /// constant or fewer than ten samples.
 pub fn statistical_inefficiency(x: &[f64]) -> f64 {
     x.iter().filter(|x| x.is_finite()).count() as f64 / effective_samples(x)
@@ -230,7 +231,7 @@ mod tests {
                 gamma_p(freedom / 2.0, at / 2.0)
             );
         }
-        // From the normal limit for ten thousand samples.
+        // With a shape parameter of 10,000 the distribution is nearly normal.
         assert!((gamma_p(1e4, 1e4 + 1.96e2) - 0.975).abs() < 2e-3);
         assert!((ln_gamma(0.5) - 0.5 * std::f64::consts::PI.ln()).abs() < 1e-12 && ln_gamma(1.0).abs() < 1e-12);
         assert!((ln_gamma(20.0) - 121_645_100_408_832_000f64.ln()).abs() < 1e-12);

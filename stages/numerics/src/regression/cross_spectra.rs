@@ -43,7 +43,7 @@ const WANDERS: f64 = 10.0;
 /// Model of a residual's drift between the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualDrift {
-    /// Distance from 0 equal at both ends, as for rows after a high-pass.
+    /// No drift: the residual is as far from 0 at one end as at the other, as for rows after a high-pass.
     Bound,
     /// Free drift.
     Wandering,

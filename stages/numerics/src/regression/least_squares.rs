@@ -142,7 +142,7 @@ pub struct QrAccumulator {
     targets: usize,
     rows: usize,
     triangle: QrTriangle,
-    /// Buffer for one row: a one, the terms, the targets, and zeros up to a whole number of cache lines.
+    /// Buffer for one row: a 1, the terms, the targets, and zeros up to a whole number of cache lines.
     row: Vec<f64>,
 }
 

@@ -7,7 +7,8 @@ use crate::regression::least_squares::{ColumnScaling, LeastSquaresError, LinearF
 pub enum ComponentCount {
     /// The first n components.
     Count(usize),
-    /// The smallest number that explains this fraction of the variance, above 0 and at most 1.
+    /// The smallest number of components that together explain at least this fraction of the variance, above 0 and at
+    /// most 1.
     Variance(f64),
 }
 
@@ -32,7 +33,7 @@ impl PrincipalComponents {
     ///
     /// # Errors
     ///
-    /// Fails without rows, or without convergence. Also fails if no component would be kept.
+    /// Fails without rows, or if the decomposition does not converge. Also fails if no component would be kept.
     pub fn from_moments(
         moments: &RegressionMoments,
         scaling: ColumnScaling,

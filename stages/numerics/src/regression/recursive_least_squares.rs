@@ -27,8 +27,9 @@ impl RecursiveLeastSquares {
     ///
     /// `forgetting` φ: each new row multiplies the weights of the earlier rows by φ, which gives an effective number of
     /// about 1/(1 − φ) rows. With `keep_prior`, the variance along any direction never exceeds the initial variance,
-    /// even after a long time without excitation; the value remains. Without it, the information along that direction
-    /// decays, and the first disturbance changes the value arbitrarily.
+    /// even after a long time without excitation; the coefficients keep their values along this direction. Without
+    /// `keep_prior`, the information along that direction decays, and the first disturbance changes the values
+    /// arbitrarily.
     ///
     /// # Errors
     ///

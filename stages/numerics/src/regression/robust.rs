@@ -30,7 +30,7 @@ pub enum ResidualLoss {
 /// Estimator of the residuals' scale σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ResidualScaleEstimator {
-    /// The median of |r| over 0.6745, in each pass, as in statsmodels' `RLM`.
+    /// The median of |r| divided by 0.6745, in each pass, as in statsmodels' `RLM`.
     Mad,
     /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z²
     /// inside and 2 ε |z| − ε² outside, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t: the most
@@ -281,7 +281,8 @@ mod tests {
                 RobustOptions { loss, scale, lambda, tolerance: 1e-11, passes: 5000, ..RobustOptions::default() };
             let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
             assert!(fit.converged, "{}", fit.passes);
-            // BFGS ends when the objective no longer changes, at half the digits of the coefficients.
+            // BFGS ends when the objective no longer changes; then only half of the digits of the coefficients are
+            // correct.
             let near = |ours: f64, theirs: f64| {
                 assert!((ours - theirs).abs() <= 2e-5 * (theirs.abs() + 1e-2), "row {row}: {ours} {theirs}");
             };

@@ -22,7 +22,7 @@ pub struct SeriesMoments {
     pub left_out: usize,
     /// The mean; NaN without samples.
     pub mean: f64,
-    /// The standard deviation with n − 1; NaN for fewer than two samples.
+    /// The standard deviation (divisor n − 1); NaN for fewer than two samples.
     pub std: f64,
     /// The root mean square; NaN without samples.
     pub rms: f64,
@@ -80,7 +80,7 @@ pub fn mean(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: mean, n }
 }
 
-/// The standard deviation of `x` with n − 1, as MagNav.jl uses it throughout.
+/// The standard deviation (divisor n − 1) of `x`, as MagNav.jl uses it throughout.
 pub fn std(x: &[f64]) -> SampleStatistic {
     let SeriesMoments { n, std, .. } = summary(x);
     SampleStatistic { value: std, n }
@@ -92,11 +92,11 @@ pub fn rms(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: rms, n }
 }
 
-/// Lower bound, in metres, on the root mean square horizontal error of a track's constant offset that is estimated on a
-/// map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement has an
-/// independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
-/// information J, the covariance of the slopes times n/σ². NaN unless the slopes change in two directions. [Cramér-Rao
-/// bound; Kay 1993, 3.7]
+/// Lower bound, in metres, on the root mean square horizontal error with which the constant offset of a track can be
+/// estimated on a map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement
+/// has an independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
+/// information J, the covariance of the slopes times n/σ². NaN if the slopes are constant or vary only along one line
+/// in the plane of `north` and `east`. [Cramér-Rao bound; Kay 1993, 3.7]
 ///
 /// Rows with a value that is not finite are excluded.
 pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatistic {
@@ -243,7 +243,7 @@ mod tests {
         let drms = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
         assert!((bound.value / drms - 1.0).abs() < 1e-10, "{bound:?} {drms}");
         assert_eq!(bound.n, 400);
-        // Neither a constant slope nor slopes in one direction determine an offset.
+        // Neither a constant slope nor slopes along one direction determine an offset.
         assert!(offset_bound(&[0.1; 9], &[0.2; 9], 5.0).value.is_nan());
         assert!(offset_bound(&north, &north, 5.0).value.is_nan());
     }
@@ -254,7 +254,7 @@ mod tests {
         let mut x: Vec<f64> = t.iter().map(|t| 3.0 * t - 7.0).collect();
         x[4] = f64::NAN;
         for (k, left) in less_straight_line(&t, &x).iter().enumerate() {
-            // Rounding of values of 1.6e5.
+            // The limit exceeds the rounding errors of values of 1.6e5.
             assert!(if k == 4 { left.is_nan() } else { left.abs() < 1e-9 }, "{k} {left}");
         }
         assert_eq!(less_straight_line(&t[..1], &x[..1]), x[..1]);

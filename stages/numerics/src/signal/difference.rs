@@ -1,7 +1,7 @@
 //! Differences of a series per sample, which replace the time derivative in Tolles-Lawson.
 //!
-//! All schemes are the same as in MagNav.jl's `fdm`. No scheme divides by the time step, so the unit of the result is
-//! that of the series (per sample).
+//! All schemes are the same as in MagNav.jl's `fdm`. No scheme divides by the time step, so the result has the unit of
+//! the series (per sample).
 
 /// Scheme of the difference at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -204,8 +204,8 @@ impl ZeroPhaseFilter {
 
     /// Filters each column of a row-major matrix (`values.len() / columns` rows) in place.
     ///
-    /// The result of each column is bit-identical for any other columns. On an error the contents of the matrix are
-    /// unspecified.
+    /// The result of each column is bit-identical whichever other columns the matrix contains. On an error the contents
+    /// of the matrix are unspecified.
     ///
     /// # Errors
     /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, with

@@ -49,7 +49,7 @@ pub struct SignalLag {
     pub sd_s: f64,
     /// The coefficient of correlation at the peak, -1 to 1.
     pub correlation: f64,
-    /// Ratio of the next highest peak to the highest peak, in absolute value; 0 without another peak. If the ratio is
+    /// Ratio of the absolute values of the second highest and the highest peak; 0 without another peak. If the ratio is
     /// near 1, the lag is ambiguous, as for periodic signals.
     pub next_peak: f64,
     /// Number of pairs of samples.
@@ -60,10 +60,10 @@ pub struct SignalLag {
 /// at the same times. Samples that are not finite are excluded together with their partners.
 ///
 /// The correlation coefficient r is computed from the overlapping pairs, each signal minus its mean over these pairs.
-/// Between lags of whole samples, the peak is the peak of the polynomial through the five values around the highest
+/// The peak is located between lags of whole samples by the polynomial through the five values around the highest
 /// value. With `either_sign` the largest |r| is used, for a signal that may be inverted. The standard error is √((1 -
-/// r²)/(n r² b²)). b² is the curvature of r at the peak divided by r: the mean square rate of the reference over its
-/// variance. [Carter 1987, "Coherence and time delay estimation", Proc. IEEE 75(2)]
+/// r²)/(n r² b²)). b² is the curvature of r at the peak divided by r: the mean square rate of change of the reference
+/// divided by its variance. [Carter 1987, "Coherence and time delay estimation", Proc. IEEE 75(2)]
 ///
 /// # Errors
 /// Fails for signals of different lengths, for a rate or range that is not above 0, for fewer than [`LEAST_PAIRS`]

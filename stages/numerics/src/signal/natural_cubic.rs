@@ -33,8 +33,8 @@ pub fn solve(values: &mut [f64]) {
     solve_along_rows(values, 1);
 }
 
-/// Coefficient at position `k` of `n` that are padded by one on each side; `inside` returns the unpadded ones. Past an
-/// end it is the linear continuation, which has no curvature at the end.
+/// Coefficient at position `k` among `n` coefficients padded by one on each side; `inside` returns the coefficients
+/// without padding. A padding coefficient is the linear continuation, which has no curvature at the end.
 pub fn past_ends(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         2.0 * inside(0) - inside(1)

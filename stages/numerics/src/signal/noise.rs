@@ -2,9 +2,9 @@
 //!
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
 //! neighbouring intervals. It is independent of a constant offset, and gaps only end a run. The two returned parts are
-//! the smallest parts whose Allan variance is nowhere below that of the line, within the uncertainty of the line's
-//! Allan variance. Two parts cannot represent noise with more time scales, which is therefore overestimated and never
-//! underestimated.
+//! the smallest parts whose Allan variance is nowhere below the line's Allan variance, within the uncertainty of the
+//! line's Allan variance. Two parts cannot represent noise with more time scales, which is therefore overestimated and
+//! never underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
 //! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]

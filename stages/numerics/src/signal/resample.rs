@@ -90,7 +90,7 @@ pub enum ResampleError {
     Length {
         /// The number of rows of the column.
         given: usize,
-        /// The number of rows of the time.
+        /// The number of rows of the time column.
         expected: usize,
     },
 }

@@ -114,7 +114,7 @@ mod tests {
         {
             let ours = SavitzkyGolay::new(window, degree, derivative).unwrap().apply(&table["x"]).unwrap();
             let worst = ours.iter().zip(&table[name]).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
-            // Rounding of 50,000 (7e-12) with weights of up to some units at the ends.
+            // The rounding error of 50,000 is 7e-12; the weights at the ends are at most some units.
             assert!(worst < 1e-9, "{name}: {worst:e}");
         }
     }

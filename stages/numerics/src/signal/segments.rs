@@ -53,7 +53,7 @@ pub enum TimeError {
     Lengths {
         /// The number of rows of the column.
         given: usize,
-        /// The number of rows of the time.
+        /// The number of rows of the time column.
         expected: usize,
     },
 }

@@ -24,9 +24,9 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 const MOST_PASSES: usize = 20;
 
 /// Flags the samples of `x` that deviate from the median of their window, `half` samples to either side, by more than
-/// `threshold` times the noise. The noise is the largest of three values: that of the window, that of the whole run
-/// about its running median, and the quantisation. At the ends the window is truncated. Returns one entry per sample.
-/// [Hampel 1974, "The influence curve and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002,
+/// `threshold` times the noise. The noise is the largest of three values: the noise of the window, the noise of the
+/// whole run about its running median, and the quantisation. At the ends the window is truncated. Returns one entry per
+/// sample. [Hampel 1974, "The influence curve and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002,
 /// "Outliers in process modeling and identification", IEEE Trans. Control Systems Technology 10(1)]
 ///
 /// Groups of up to `half` neighbouring spikes are detected. `x` must be finite; a run of fewer than 3 samples has no
@@ -51,8 +51,8 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
-/// Flags single samples of `x` at which the fourth difference, over √70 in the unit of `x`, exceeds `threshold` times
-/// its noise and the fourth differences at the two samples to either side.
+/// Flags single samples of `x` by their fourth difference, divided by √70 so that its noise is the noise of `x`. Its
+/// magnitude must exceed `threshold` times its noise and the fourth differences at the two samples to either side.
 ///
 /// A single sample with an error of `a` has 6 a/√70 = 0.72 a there; a smooth signal has almost none. A detected sample
 /// is replaced by the value of the cubic through its neighbours, and the search is repeated until no spike remains. Two

@@ -239,7 +239,7 @@ impl<const TERMS: usize> BiasEquations<TERMS> {
 /// First map of the connected group of each map.
 fn groups(maps: usize, pairs: &[OverlapPair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
-    // A chain of overlaps has at most one link per map, so as many rounds as maps suffice to reach its end.
+    // A chain of overlaps has fewer links than there are maps, so one round per map is enough to reach its end.
     for _ in 0..maps {
         for pair in pairs {
             let least = group[pair.first].min(group[pair.second]);

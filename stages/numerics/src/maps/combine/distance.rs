@@ -80,7 +80,7 @@ mod tests {
                 (70.0 * (node % 23).abs_diff(other % 23) as f64).hypot(north)
             };
             let expected = unknown.map(far).fold(f64::INFINITY, f64::min);
-            // Rounding of squares of kilometres.
+            // The limit exceeds the rounding errors of squared distances of some kilometres.
             assert!((distance - expected).abs() < 1e-9, "{node}: {distance} {expected}");
         }
         assert!(distance_to_unknown(&[1.0; 17 * 23], &target).iter().all(|d| d.is_infinite()));

@@ -11,7 +11,8 @@ const LEAST: usize = 16;
 /// Error along one edge, caused by the unknown field beyond this edge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideError {
-    /// The rms error in nT by the number of nodes from the edge; the last value applies to all nodes further inside.
+    /// The rms error in nT as a function of the number of nodes from the edge; the last value applies to all nodes
+    /// further inside.
     pub rms_nt: Vec<f64>,
 }
 
@@ -31,12 +32,12 @@ pub struct EdgeError {
 /// Estimates the edge error of a continuation by `up_m` with these settings.
 ///
 /// Two parts are added in quadrature. First, the map is cropped and continued again. The map contains the true field
-/// past the edges of the crop. The difference of both results is therefore the error of the extension at that distance
-/// from an edge. Each edge of the crop represents the adjacent edge of the map, scaled by the variation of the
-/// continued field along both edges. The crop removes five continuation distances, but at most a quarter of a side.
-/// Second, the effect of the level of the distant field is estimated, which the crop does not show. A second
-/// continuation uses the opposite assumption: the field falls to zero instead of the mean along the edge, or the
-/// reverse.
+/// past the edges of the crop. The difference between the two results is therefore the error of the extension at each
+/// distance from the edge of the crop. Each edge of the crop represents the adjacent edge of the map, scaled by the
+/// variation of the continued field along both edges. The crop removes five continuation distances, but at most a
+/// quarter of a side. Second, the effect of the level of the distant field is estimated, which the crop does not show.
+/// A second continuation uses the opposite assumption: the field falls to zero instead of the mean along the edge, or
+/// the reverse.
 ///
 /// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with the rms error within a
 /// factor of three. With all sources well inside, where the error is some thousandths of the field, it is up to ten

@@ -10,13 +10,13 @@ pub const MOST_PADDING: usize = 5000;
 /// The assumed continuation of a map past its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeExtension {
-    /// The value at the edge falls to the trend on a half cosine. The image of the map rotated about the edge, which
-    /// continues slope and detail, fades over `detail_nodes`.
+    /// The value at the edge falls to the trend over half a period of a cosine. The image of the map rotated about the
+    /// edge, which continues slope and detail, fades over `detail_nodes`.
     ///
-    /// Compared on fields of dipoles in and around a map, continued upward by 2 to 10 spacings. The alternatives were
-    /// zeros, linear and cosine bridges, even and odd images with tapers and cross-fades, and the extension of least
-    /// curvature. This extension was closest to the closed form in most cases, and never much worse than the best
-    /// extension.
+    /// This extension was compared with others on fields of dipoles in and around a map, continued upward by 2 to 10
+    /// spacings. The alternatives were zeros, linear and cosine bridges, even and odd images with tapers and
+    /// cross-fades, and the extension of least curvature. The chosen extension was closest to the closed form in most
+    /// cases, and never much worse than the best extension.
     Falling {
         /// The number of nodes over which the detail fades.
         detail_nodes: usize,
@@ -192,8 +192,8 @@ struct PaddingNode {
     weights: [f64; 2],
 }
 
-/// Padding of one side as a linear map from its nodes. The linear map applies to values and, along the other axis, to
-/// spectra.
+/// The padding of one axis as a linear function of the nodes. The function applies to values and, along the other axis,
+/// to spectra.
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,

@@ -81,7 +81,8 @@ fn highest_wavenumber(transform: &MapTransform) -> f64 {
     transform.k_east(layout.columns.padded / 2).hypot(transform.k_north(layout.rows.padded / 2))
 }
 
-/// Values of α, from a change of the highest wavenumber by a tenth to a reduction of the lowest by half.
+/// Values of α, from one that changes the waves of the highest wavenumber by a tenth to one that halves the waves of
+/// the lowest.
 fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();
@@ -92,7 +93,7 @@ fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
 fn point(waves: &[(f64, f64)], alpha_m2: f64, down_m: f64) -> LCurvePoint {
     let (misfit, roughness) = waves.iter().fold((0.0, 0.0), |(misfit, roughness), &(k, power)| {
         let lower = gain(k, -down_m, alpha_m2);
-        // 1 − e^(−k h) of the gain, without cancellation.
+        // 1 − e^(−k h) g with the gain g, computed without cancellation.
         let lost = alpha_m2 * k * k * lower;
         (misfit + power * lost * lost, roughness + power * (k * lower) * (k * lower))
     });

@@ -1,8 +1,9 @@
 //! The padded two-dimensional transform: real to complex along the rows, complex along the columns.
 //!
-//! Only the rows of the map itself are transformed. The padding of the columns is a linear map. It is therefore
-//! computed from the spectra of the rows, column by column, while a group of columns is in the cache. One buffer of
-//! real numbers, with at most two additional numbers per row, holds half the spectrum; the other half is its conjugate.
+//! Only the rows of the map itself are transformed. The padding of the columns is a linear function of their nodes. It
+//! is therefore computed from the spectra of the rows, column by column, while a group of columns is in the cache. One
+//! buffer of real numbers, with at most two additional numbers per row, holds half the spectrum; the other half is its
+//! conjugate.
 
 use std::sync::Arc;
 
@@ -136,7 +137,7 @@ impl MapTransform {
         buffer
     }
 
-    /// The map of a spectrum times a factor.
+    /// The map whose spectrum is the given spectrum times a factor.
     pub(super) fn filtered(&self, spectrum: &[f64], factor: WavenumberFactor, trend: &TrendPlane) -> Vec<f64> {
         let mut buffer = vec![0.0; 2 * self.half() * self.layout.rows.len];
         let mut group = ColumnBlock::new(self);

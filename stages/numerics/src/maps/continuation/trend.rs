@@ -42,7 +42,7 @@ impl TrendPlane {
         Self { level: level * factor, per_row: per_row * factor, per_column: per_column * factor }
     }
 
-    /// Constant planes with this plane's slopes along the columns and along the rows.
+    /// The slopes per column and per row of this plane, each as a constant plane.
     pub(super) fn slopes(&self) -> [Self; 2] {
         [self.per_column, self.per_row].map(|level| Self { level, ..Self::default() })
     }

@@ -50,8 +50,8 @@ pub struct SmoothFillReport {
 ///
 /// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
 /// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
-/// 1000 for 600. The method is therefore suitable for gaps up to about a hundred nodes wide. Memory is some 70 bytes a
-/// node of the rectangle around the gaps. Results are bit-identical for any number of threads.
+/// 1000 for 600. The method is therefore suitable for gaps up to about a hundred nodes wide. Memory is some 70 bytes
+/// per node of the rectangle around the gaps. Results are bit-identical for any number of threads.
 ///
 /// # Errors
 /// Fails if the map is invalid or has no known node, if a parameter is out of its valid range, or if the tolerance is

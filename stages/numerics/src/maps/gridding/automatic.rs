@@ -52,8 +52,8 @@ fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
     points.runs().into_iter().map(of).collect()
 }
 
-/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Such distances are typical for changes of the
-/// field a hundred or a few hundred metres above its sources, at any line spacing.
+/// Block side for lines `spacing_m` apart: a quarter of the spacing, but at most 200 m. Such distances are typical for
+/// changes of the field a hundred or a few hundred metres above its sources, at any line spacing.
 pub fn block_m(spacing_m: f64) -> f64 {
     (0.25 * spacing_m).min(200.0)
 }

@@ -7,7 +7,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics::median;
 use rayon::prelude::*;
 
-/// Measured values that determine the expected error of a node.
+/// Number of nearest differences from which the expected error of a node is computed.
 const AROUND: usize = 24;
 
 /// Folds of lines for cross-validation: with the lines in ascending order, each fold contains every `count`-th line.

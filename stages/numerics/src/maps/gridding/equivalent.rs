@@ -1,11 +1,11 @@
 //! Equivalent sources: a field that satisfies Laplace's equation above its sources and fits the measurements.
 //!
-//! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer is
-//! fitted to the residuals of the deeper layers, by damped least squares. Deep sources thus explain long wavelengths
-//! and extend them smoothly across the gaps between lines; shallow sources keep the detail along the lines. The method
-//! is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of the whole
-//! survey instead of windows. Conjugate gradients solve the normal equations, with products computed by the far-field
-//! sums of `far_field`. Memory therefore grows linearly with the number of points, not quadratically.
+//! Sources are vertical dipoles on evenly spaced nodes beneath the measurements, in layers from deep to shallow. Each
+//! layer is fitted to the residuals of the deeper layers, by damped least squares. Deep sources thus explain long
+//! wavelengths and extend them smoothly across the gaps between lines; shallow sources keep the detail along the lines.
+//! The method is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of
+//! the whole survey instead of windows. Conjugate gradients solve the normal equations, with products computed by the
+//! far-field sums of `far_field`. Memory therefore grows linearly with the number of points, not quadratically.
 
 use super::block::{BlockReduction, reduce_blocks};
 use super::clusters::{ClusterTree, PointPositions};

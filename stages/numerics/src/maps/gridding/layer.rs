@@ -3,7 +3,7 @@
 use super::clusters::{ClusterTree, PointPositions};
 use super::far_field::all_proxies;
 
-/// Points in a box of the far-field sums.
+/// Maximum number of points in a box of the far-field sums.
 pub(super) const LEAF: usize = 64;
 
 /// Opening criterion for the summation of distant boxes in the fit, where errors only cost iterations.
@@ -25,11 +25,12 @@ pub struct SourceLayer {
 pub struct SourceFitOptions {
     /// The layers, deepest first.
     pub layers: Vec<SourceLayer>,
-    /// Damping: the weight, relative to a misfit of 1 nT², of the square of a source's field directly above it in nT.
+    /// Damping: weight of the squared strengths of the sources relative to the squared misfits, both in nT². The
+    /// strength of a source is its field directly above it, at a distance of the layer's depth.
     pub damping: f64,
     /// The maximum number of iterations of a layer.
     pub iterations: usize,
-    /// Relative reduction of the cost by an iteration below which a layer is solved.
+    /// A layer is solved if an iteration reduces the cost by less than this fraction.
     pub tolerance: f64,
 }
 

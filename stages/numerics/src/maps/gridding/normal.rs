@@ -24,7 +24,7 @@ impl LayerNormalEquations<'_> {
         scaled(spread.values(&self.layer.clusters, -1.0), self.layer.scale())
     }
 
-    /// Computes the strengths that explain `rest` by conjugate gradients. Also returns the number of iterations.
+    /// Computes, by conjugate gradients, the strengths that explain `rest`. Also returns the number of iterations.
     pub fn solve(
         &self,
         mut rest: Vec<f64>,

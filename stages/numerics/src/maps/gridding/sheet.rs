@@ -48,7 +48,7 @@ pub(super) struct GridDatum {
 }
 
 impl GridDatum {
-    /// Datum from a column and row, in fractions of nodes of the grid, and a value.
+    /// Datum from a fractional column and row of the grid, and a value.
     pub fn from_point([column, row, value]: [f64; 3]) -> Self {
         let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
         Self { column: near[0] as usize, row: near[1] as usize, offset: [column - near[0], row - near[1]], value }
@@ -133,9 +133,9 @@ impl RelaxationGrid {
     /// Passes over the grid until the expected remaining change is within the tolerance or the maximum number of passes
     /// is reached.
     ///
-    /// Slow modes of the surface change little per pass over very many passes, so the change of one pass is no
-    /// criterion. The remaining change is the sum of the geometric series that starts with the changes of the last
-    /// passes.
+    /// Slow modes of the surface change little per pass over very many passes, so the change of one pass is not a
+    /// criterion of convergence. The remaining change is the sum of the geometric series that starts with the changes
+    /// of the last passes.
     pub fn relax(&mut self, relaxation: &RelaxationOptions) -> RelaxationReport {
         let mut relaxed = RelaxationReport { passes: 0, left_nt: f64::INFINITY };
         let mut before = f64::INFINITY;

@@ -158,8 +158,8 @@ impl FittedSurface {
         }
     }
 
-    /// The grid. With equivalent sources, also returns its level in metres, and the largest error of the far-field
-    /// summation at a hundred nodes, in nT.
+    /// The grid. With equivalent sources, also returns the level of the grid in metres, and the largest error of the
+    /// far-field summation at a hundred nodes, in nT.
     ///
     /// # Errors
     /// With equivalent sources, returns the errors of [`EquivalentSources::predict`] at the nodes.

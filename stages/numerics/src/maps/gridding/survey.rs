@@ -98,8 +98,8 @@ impl SurveyPoints<'_> {
 /// The criteria of cleaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CleaningOptions {
-    /// Outlier limit, in robust standard deviations of the surroundings, of the distance of a point from the straight
-    /// line between its neighbours in flight order; zero keeps all.
+    /// Outlier limit: maximum distance of a point from the straight line between its neighbours in flight order, in
+    /// robust standard deviations of the surroundings; zero keeps all.
     pub sigmas: f64,
     /// Minimum distance of an outlier from that line, in nT.
     pub floor_nt: f64,
@@ -112,8 +112,8 @@ pub struct CleaningOptions {
 }
 
 impl Default for CleaningOptions {
-    /// Ten robust standard deviations among 51 points, and at least 10 nT, more than the change of the anomaly between
-    /// two points.
+    /// Ten robust standard deviations among 51 points, and at least 10 nT; the anomaly changes by less between two
+    /// points.
     fn default() -> Self {
         Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5, without_far: true }
     }

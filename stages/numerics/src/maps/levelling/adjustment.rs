@@ -19,12 +19,12 @@ const ROUNDS: usize = 16;
 const REWEIGHTED: usize = 4;
 /// Probability that, in a survey without level errors, any line is reported as individually out of level.
 const BY_CHANCE: f64 = 0.05;
-/// Standard deviations by which the scatter of a group must exceed its errors.
+/// Number of standard deviations by which the scatter of a group must exceed the scatter expected from its errors.
 const BEYOND: f64 = 1.645;
 /// Minimum ratio of crossovers to coefficients at which the iteration starts with unconstrained corrections.
 const ENOUGH: usize = 2;
-/// Minimum number of crossovers of a line that is individually out of level. With fewer crossovers, they may just be
-/// wrong.
+/// Minimum number of crossovers of a line that is individually out of level. With fewer crossovers, the line may only
+/// seem out of level because crossovers are wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.
@@ -34,7 +34,8 @@ pub(super) struct CrossoverAdjustment<'a> {
     /// First and last point of each line, and its index among the lines.
     lines: BTreeMap<usize, (usize, usize, usize)>,
     terms: usize,
-    /// Factors of the coefficients: the coefficients of the lines, line by line, then the shift of all ties.
+    /// Index and factor of each coefficient in an equation. The coefficients are those of the lines, line by line, then
+    /// the shift of all ties.
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
     is_tie: Vec<bool>,
@@ -179,7 +180,8 @@ impl<'a> CrossoverAdjustment<'a> {
         self.levelled(AdjustmentSolution { coefficients, ..whole.clone() })
     }
 
-    /// Widths and the lines that are individually out of level; returns the degrees of freedom of the corrections.
+    /// Estimates the widths and finds the lines that are individually out of level. Returns the degrees of freedom of
+    /// the corrections.
     fn estimate(&self, found: &mut AdjustmentSolution) -> f64 {
         let own: Vec<LineLevelEstimate> = self.own(found);
         let crossed: Vec<usize> = (0..own.len()).filter(|&k| own[k].crossovers > 0 && !self.is_held(k)).collect();

@@ -3,7 +3,7 @@
 use crate::maps::map_surface::GeographicGrid;
 use rayon::prelude::*;
 
-/// Values of each map, with NaN at every level of a node that is unknown at one level.
+/// Values of each map. A node that is unknown at one level is NaN at every level.
 pub(super) fn union_of_unknown(maps: &[GeographicGrid]) -> Vec<Vec<f64>> {
     let nodes = maps.first().map_or(0, |map| map.values().len());
     let unknown: Vec<bool> =

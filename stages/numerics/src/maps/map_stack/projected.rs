@@ -1,4 +1,4 @@
-//! A map interpolated on its native grid of eastings and northings at latitudes and longitudes.
+//! Looks up a map at latitudes and longitudes, by interpolation on its native grid of eastings and northings.
 
 use super::MapStack;
 use crate::earth::field_value::FieldValue;

@@ -82,11 +82,11 @@ pub enum MapGridError {
     /// The columns of a table of nodes have different lengths.
     #[error("the map's columns have {lat} latitudes, {lon} longitudes and {anomaly} anomalies")]
     Columns {
-        /// Rows in the latitude column.
+        /// Number of rows in the latitude column.
         lat: usize,
-        /// Rows in the longitude column.
+        /// Number of rows in the longitude column.
         lon: usize,
-        /// Rows in the anomaly column.
+        /// Number of rows in the anomaly column.
         anomaly: usize,
     },
     /// A row of a table of nodes is not at its position in a complete grid.
@@ -384,7 +384,8 @@ impl GeographicGrid {
         Ok(Self { values, ..*self })
     }
 
-    /// Grid in metres from its south-western node, with the width at its middle latitude.
+    /// The grid on a plane, in metres from its south-western node. Steps in latitude and longitude are converted at the
+    /// middle latitude.
     pub fn plane(&self) -> PlaneGrid {
         let middle = (0.5 * (self.lat.first_deg() + self.lat.last_deg())).to_radians();
         let earth = EarthModel::Wgs84;

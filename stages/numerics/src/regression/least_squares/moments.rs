@@ -1,8 +1,8 @@
 //! Sufficient statistics of a line for many linear models: the factor of [1 | A | Y], without its rows.
 //!
-//! A [`RegressionMoments`] is small (p x p). The statistics can be merged with other statistics in the order of the
-//! lines, removed from them, reduced to some of its terms and targets, and evaluated with any coefficients, without
-//! reading a row again. Scaling its columns gives a [`ScaledFactor`], from which every model is computed.
+//! A [`RegressionMoments`] is small (p x p). Moments can be merged in the order of the lines, reduced to some of their
+//! terms and targets, and evaluated with any coefficients, without reading a row again. Scaling their columns gives a
+//! [`ScaledFactor`], from which every model is computed.
 
 use rayon::prelude::*;
 
@@ -18,7 +18,7 @@ pub struct MomentsAccumulator {
 }
 
 impl MomentsAccumulator {
-    /// An accumulator without rows for `terms` columns of A and `targets` columns of Y.
+    /// An empty accumulator for `terms` columns of A and `targets` columns of Y.
     pub fn new(terms: usize, targets: usize) -> Self {
         Self {
             qr: QrAccumulator::new(terms, targets),
@@ -294,13 +294,13 @@ impl RegressionMoments {
         self.upper[1 + self.terms..self.width()].iter().map(|sum| sum / self.upper[0]).collect()
     }
 
-    /// The standard deviation of each term with n − 1, in its unit.
+    /// The standard deviation (divisor n − 1) of each term, in its unit.
     pub fn term_deviations(&self) -> Vec<f64> {
         let left = self.rows as f64 - 1.0;
         (0..self.terms).map(|j| (self.squares_about_mean(1 + j) / left).sqrt()).collect()
     }
 
-    /// The standard deviation of each target with n − 1, in its unit.
+    /// The standard deviation (divisor n − 1) of each target, in its unit.
     pub fn target_deviations(&self) -> Vec<f64> {
         let left = self.rows as f64 - 1.0;
         let squares = |t: usize| self.squares_about_mean(1 + self.terms + t) + self.unexplained[t];
@@ -400,7 +400,7 @@ pub enum LineScoreMeasure {
     /// The mean squared error.
     #[default]
     MeanSquare,
-    /// The variance (with n) of the error: a bias of the line is ignored, as in the error that Gnadt 2022 reports.
+    /// The variance (divisor n) of the error: a bias of the line is ignored, as in the error that Gnadt 2022 reports.
     Variance,
 }
 

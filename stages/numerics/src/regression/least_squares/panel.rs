@@ -37,9 +37,9 @@ pub(super) struct QrTriangle {
 }
 
 impl QrTriangle {
-    /// Creates the triangle of a matrix of `pivots` columns with `carried` further columns, without rows.
+    /// Creates an empty triangle for a matrix of `pivots` columns with `carried` further columns.
     ///
-    /// The result for a carried column is bit-identical for any other carried columns.
+    /// The result for a carried column is bit-identical whichever other columns are carried.
     pub(super) fn new(pivots: usize, carried: usize) -> Self {
         let width = pivots + carried;
         let blocks = width.div_ceil(LANES);

@@ -11,7 +11,7 @@ pub enum ColumnScaling {
     /// No scaling: the columns unchanged.
     #[default]
     None,
-    /// Standard deviation of the column with n − 1.
+    /// Standard deviation (divisor n − 1) of the column.
     Standardise,
     /// Largest absolute value of the column.
     MaxAbs,

@@ -39,7 +39,7 @@ pub struct RidgeSolution {
     pub coefficients: Vec<Vec<f64>>,
     /// For each target, the constant added to the sum of the terms: 0 unless the fit subtracts means.
     pub intercepts: Vec<f64>,
-    /// The effective number of fitted parameters, Σ s²/(s² + λ), with the intercept.
+    /// The effective number of fitted parameters, Σ s²/(s² + λ), including the intercept.
     pub degrees_of_freedom: f64,
     /// For each target, the sum of squared residuals.
     pub residual_squares: Vec<f64>,

@@ -1,9 +1,8 @@
 //! Second-order sections run over the columns of a row-major matrix, forwards and backwards.
 //!
 //! The outer loop runs over time and the inner loop over columns. The columns fill the vector registers, whereas a
-//! single recursive filter cannot be vectorised. The arithmetic of each column is the same sequence of additions and
-//! fused multiplications on any processor and for any other columns, so the result depends neither on the processor nor
-//! on the other columns.
+//! single recursive filter cannot be vectorised. The arithmetic of a column is always the same sequence of additions
+//! and fused multiplications, so its result depends neither on the processor nor on the other columns.
 
 use super::BiquadSection;
 

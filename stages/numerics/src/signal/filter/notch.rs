@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::{BiquadSection, FilterError, ZeroPhaseFilter, cascade::BiquadCascade};
 
-/// Alias of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0): 0 to half of the rate.
+/// Alias of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0); it is from 0 to half of the rate.
 pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
     let turn = frequency_hz.rem_euclid(rate_hz);
     turn.min(rate_hz - turn)
@@ -23,12 +23,11 @@ impl ZeroPhaseFilter {
     /// ```
     ///
     /// The padding is the longer of six samples per section and the inverse of the width. A notch rings for about the
-    /// inverse of the width, so within this time of each end part of the sinusoid remains.
+    /// inverse of the width, so a part of the sinusoid remains within this time of each end.
     ///
     /// # Errors
     /// Fails for a sample rate or width that is not a finite number above 0. Also fails with [`FilterError::NoCorner`]
-    /// without frequencies. Also fails for a frequency that is not more than half of the width away from 0 Hz and from
-    /// half of the rate.
+    /// without frequencies. Also fails for a frequency within half the width of 0 Hz or of half the sample rate.
     pub fn notches(frequencies_hz: &[f64], width_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(FilterError::Rate { rate_hz });

@@ -14,7 +14,8 @@ const ROUNDS: usize = 4;
 const LEAST_SAMPLES: usize = 64;
 /// Minimum duration of all runs together, and of the longest run, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
-/// Minimum reduction of the deviance for a significant correlated part: three parameters, at 0.5 %.
+/// The correlated part is significant if it reduces the deviance by at least this amount: the limit for three
+/// parameters at a level of 0.5 %.
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
@@ -153,8 +154,8 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint
     points
 }
 
-/// Points with their number of independent squares for noise with these parts: the number of samples over the sum of
-/// the squared autocorrelations of the changes over a lag. For white noise, a change is correlated only with the two
+/// Points with their number of independent squares for noise with these parts: the number of samples divided by the sum
+/// of the squared autocorrelations of the changes over a lag. For white noise, a change is correlated only with the two
 /// changes that share a sample (1 + 2/4). For the correlated part, changes are correlated over the lag (2/3 of it,
 /// because of the triangular shape), or over the correlation time if that is shorter.
 fn weighed(
@@ -213,7 +214,8 @@ fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVa
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if of(a.exp()).deviance <= of(b.exp()).deviance { high = b } else { low = a }
     }
-    // Rounding determines the minimum of a flat curve; a parabola over a thousandth is insensitive to it.
+    // At the flat minimum, the search is limited by rounding. A parabola through points 0.001 apart in ln τ is hardly
+    // affected by rounding.
     const STEP: f64 = 1e-3;
     let middle = 0.5 * (low + high);
     let [before, here, after] = [middle - STEP, middle, middle + STEP].map(|log_tau| of(log_tau.exp()).deviance);
