@@ -187,7 +187,7 @@ fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize
     Ok((explained, crate::rows::finite_rows("the background", background, width)?))
 }
 
-/// Attributions of one row to the groups and their standard errors.
+/// Attributions of the prediction of one row to the groups, and their standard errors.
 type RowAttributions<E> = Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>;
 
 /// Combines the values and errors of the rows.

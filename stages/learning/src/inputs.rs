@@ -202,7 +202,8 @@ impl WithSimd for InputScalingKernel<'_> {
                 out.copy_from_slice(&scaled);
                 continue;
             };
-            // A sum that starts from -0 is bit-identical to the sum of its terms.
+            // A sum that starts from -0 instead of 0 is bit-identical to the sum of the terms alone, even if these are
+            // -0.
             out.fill(-0.0);
             for (x, weights) in scaled.iter().zip(weights.chunks_exact(width.max(1))) {
                 for (out, w) in out.iter_mut().zip(weights) {

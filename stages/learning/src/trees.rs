@@ -154,8 +154,8 @@ pub struct BoostingResult {
     pub forest: Forest,
     /// Mean square errors of the training rows and of the validation rows (NaN if there are none) after each tree.
     pub losses: Vec<(f64, f64)>,
-    /// Number of trees with the smallest validation loss. Of several equal losses, the smallest number is used. Without
-    /// validation, all trees are used.
+    /// Number of trees at which the validation loss is smallest. Of several equal losses, the smallest number is used.
+    /// Without validation, all trees are used.
     pub best: usize,
 }
 

@@ -119,7 +119,7 @@ impl GramSystem {
     }
 }
 
-/// Columns of the `keep` largest absolute values, ascending. Of several equal values, the first is kept.
+/// Indices of the `keep` largest absolute values, ascending. Of several equal values, the first is kept.
 fn largest(b: &[f64], keep: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..b.len()).collect();
     order.sort_by(|&i, &j| b[j].abs().total_cmp(&b[i].abs()));

@@ -14,12 +14,12 @@ use crate::{
     rows::{entries, finite_rows, setting},
 };
 
-/// The Shapley values of the prediction of each row: the mean change of the prediction when a group's columns change
-/// from the values of the background row to the values of the row, over all orders of the groups and all background
-/// rows [Strumbelj and Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn anew for each
-/// background row, each together with its reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value
-/// estimation"]. The values of a row therefore always add up to its prediction minus the base. For up to two groups the
-/// values are exact.
+/// The Shapley values of the prediction of each row. The value of a group is the mean change of the prediction when the
+/// group's columns change from the values of the background row to the values of the row. The mean is over all orders
+/// of the groups and all background rows [Strumbelj and Kononenko 2014; the background: Lundberg and Lee 2017,
+/// (9)-(12)]. Orders are drawn anew for each background row, each together with its reverse [Mitchell et al. 2022,
+/// "Sampling permutations for Shapley value estimation"]. The values of a row therefore always add up to its prediction
+/// minus the base. For up to two groups the values are exact.
 ///
 /// Cost: 2 `samples` (groups − 1) predictions for each row and background row.
 ///

@@ -7,7 +7,7 @@ const DECREASE: f64 = 1e-4;
 const CURVATURE: f64 = 0.9;
 /// Maximum number of evaluations in a line search.
 const EVALUATIONS: usize = 25;
-/// Largest gradient entry below which the parameters are at the minimum.
+/// The parameters are at the minimum if the largest entry of the gradient is below this value.
 const LEAST_GRADIENT: f64 = 1e-10;
 
 /// State of the L-BFGS method.
@@ -148,7 +148,8 @@ fn search(
         if !(step >= least && step <= most) {
             step = 0.5 * (least + most);
         }
-        // Two successive steps near the same end of the bracket make no progress.
+        // A second successive step near an end of the bracket would make little progress and is moved away from that
+        // end.
         if (most - step).min(step - least) < margin {
             if stuck || step >= most || step <= least {
                 step = if most - step < step - least { most - margin } else { least + margin };

@@ -54,7 +54,7 @@ pub enum OnnxError {
 impl NetworkShape {
     /// The network as the bytes of an ONNX file, in double precision, including the scaling. Input `x` has rows of
     /// unscaled columns. Input `a`, if the form has linear terms, has rows of unscaled linear terms. Output `y` is the
-    /// target in nT. The number of rows is free.
+    /// target in nT. The number of rows is not fixed.
     ///
     /// # Errors
     /// Fails for parameters and scales that do not match the network or are not finite.

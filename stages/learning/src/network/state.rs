@@ -24,13 +24,13 @@ pub struct TrainingState {
     pub powers: [f64; 2],
     /// Factor by which all plateaus so far have reduced the learning rate.
     pub rate_factor: f64,
-    /// The epochs since the last improvement or reduction of the rate.
+    /// Number of epochs since the last improvement of the loss or reduction of the rate.
     pub on_plateau: usize,
-    /// The parameters of the best validation loss; empty without validation.
+    /// The parameters with the smallest validation loss; empty without validation.
     pub best: Vec<f64>,
-    /// The best validation loss; infinite without validation.
+    /// The smallest validation loss; infinite without validation.
     pub best_loss: f64,
-    /// The epoch of the best validation loss, from 1; 0 without validation.
+    /// The epoch of the smallest validation loss, from 1; 0 without validation.
     pub best_epoch: usize,
     /// State of the L-BFGS method.
     pub lbfgs: LbfgsState,

@@ -305,7 +305,7 @@ mod tests {
                 near(&scaling.original(&shape, &scaled), &parameters, 1e-9, &name);
                 let changed = form == NetworkForm::TrainedLinear;
                 assert_eq!(scaled != parameters, changed, "{name}");
-                // Tolles-Lawson of the physics term.
+                // The Tolles-Lawson values for the physics term are unchanged by the scaling.
                 if changed {
                     let of = |a: &[f64], b: &[f64]| a.chunks_exact(WIDTH).map(|a| dot(a, b)).collect::<Vec<f64>>();
                     let scaled: Vec<f64> =

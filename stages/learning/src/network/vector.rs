@@ -100,13 +100,13 @@ impl VectorFrame {
         out
     }
 
-    /// Scalar fields of rows of terms with the coefficients `b`, in the scale of the target: v in this scale, without a
-    /// network.
+    /// Scalar fields without a network, for rows of terms and the coefficients `b`. The fields and v are in the scale
+    /// of the target.
     pub fn fields(&self, terms: &[f64], b: &[f64]) -> Vec<f64> {
         tolles_lawson_fields(&self.rows(terms, b.len()), b)
     }
 
-    /// Vectors of the permanent, induced and eddy-current field of rows of terms with the coefficients `b`: nine
+    /// Vectors of the permanent, induced and eddy-current field, for rows of terms and the coefficients `b`: nine
     /// numbers per row in the axes of the terms, in the scale of the target. Their sum is the vector v without a
     /// network.
     pub fn vectors(&self, terms: &[f64], b: &[f64]) -> Vec<[f64; 9]> {

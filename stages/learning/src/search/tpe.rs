@@ -166,7 +166,7 @@ fn normal(bits: &mut SplitMix64, centre: f64, width: f64) -> f64 {
     }
 }
 
-/// The logarithm of the density of the truncated normal distribution at a point, or of its mean over a cell.
+/// The logarithm of the density of the truncated normal distribution at a point, or of the mean density over a cell.
 fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
     let z = |x: f64| (x - centre) / width;
     let within = between(z(0.0), z(1.0));

@@ -23,8 +23,9 @@ pub struct WeakDirection {
 pub struct Excitation {
     /// Ratio of the largest singular value to the smallest; infinite if all values of a term are zero.
     pub condition: f64,
-    /// Variance inflation factor of each term: ratio of the variance of the coefficient to its variance without
-    /// correlated terms. Infinite if the term is a combination of other terms. 10 is a common limit.
+    /// Variance inflation factor of each term: ratio of the variance of the coefficient to the variance that it would
+    /// have if the terms were not correlated. Infinite if the term is a combination of other terms. 10 is a common
+    /// limit.
     pub variance_inflation: Vec<f64>,
     /// Directions weaker than the limit, weakest first.
     pub weak: Vec<WeakDirection>,

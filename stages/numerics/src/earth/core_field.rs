@@ -115,8 +115,8 @@ impl CoreField {
 /// Magnitude of the core field, expanded to first order about a recent position. A filter evaluates it several hundred
 /// thousand times per flight.
 ///
-/// If a query is more than 200 m horizontally or 50 m vertically from the expansion point, the query becomes the
-/// expansion point. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
+/// A query more than 141 m (200 m/√2) north, south, east or west of the expansion point, or more than 50 m above or
+/// below it, becomes the expansion point. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
 #[derive(Clone, Debug)]
 pub struct LinearisedCoreField {
     field: Arc<CoreField>,
@@ -173,7 +173,7 @@ impl CoreFieldExpansion {
     fn new(lat_deg: f64, lon_deg: f64, alt_m: f64, at_place: FieldValue) -> Self {
         let earth = EarthModel::Wgs84;
         let lat = lat_deg.to_radians();
-        // With half the limit in each of two directions, the corner of the box is within the limit.
+        // With 1/√2 of the limit in each of two directions, the corner of the box is within the limit.
         let side_m = REACH_SIDEWAYS_M / std::f64::consts::SQRT_2;
         Self {
             lat_deg,

@@ -150,7 +150,7 @@ pub enum CombineError {
 /// Combines maps on the grid of the given axes; the first map keeps its level, and the biases of the others are
 /// relative to it.
 ///
-/// Each map is resampled by the natural bicubic spline; at a node of the map itself, its value is unchanged. A map that
+/// Each map is resampled by the natural bicubic spline; at a node of the map itself, the value is unchanged. A map that
 /// is much finer than the grid is sampled, not averaged. Results are bit-identical for any number of threads.
 ///
 /// # Errors

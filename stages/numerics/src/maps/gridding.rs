@@ -147,8 +147,8 @@ pub struct GriddingOptions {
     /// Side of the blocks to which points are reduced, in metres. `None` is a quarter of the distance between lines, at
     /// most 200 m; zero keeps every point.
     pub block_m: Option<f64>,
-    /// Distance from every point beyond which nodes are unknown, in metres; `None` is twice the distance between lines,
-    /// infinity keeps all nodes.
+    /// Limit in metres: nodes that are farther than this from every point are unknown. `None` is twice the distance
+    /// between lines; infinity keeps all nodes.
     pub mask_m: Option<f64>,
     /// Cleaning criteria.
     pub clean: CleaningOptions,

@@ -116,8 +116,8 @@ pub struct LevellingResult {
     pub lines: Vec<LineCorrection>,
     /// Noise of the differences at crossovers of lines without level errors.
     pub noise: CrossoverNoise,
-    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, in
-    /// nT; zero if the group is not corrected.
+    /// Scatter beyond the standard errors, in nT: of the lines' constants, and of the ties' constants about their
+    /// common constant; zero if the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Crossover statistics before levelling.
     pub before: CrossoverMerit,

@@ -132,8 +132,8 @@ impl MapStack {
     ///
     /// # Errors
     /// Returns the errors of [`Self::new`]. Also fails with [`StackError::Count`] if the numbers of derivatives and
-    /// maps differ, or with [`StackError::Derivative`] for a derivative that has another number of nodes than its map
-    /// or is not finite at a known node.
+    /// maps differ, or with [`StackError::Derivative`] for a derivative that is not finite at a known node or has a
+    /// different number of nodes than its map.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[GeographicGrid],

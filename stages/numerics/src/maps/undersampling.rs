@@ -16,7 +16,7 @@ use super::plane_grid::PlaneGrid;
 
 /// Weights of cubic interpolation in the middle of four nodes: inner pair, outer pair.
 const CUBIC: [f64; 2] = [9.0 / 16.0, -1.0 / 16.0];
-/// Share of the squared residual of each direction in the mean over a cell. If every second node is kept in each
+/// Weight of the squared residual of each direction in the mean over a cell. If every second node is kept in each
 /// direction, two thirds of the removed nodes are on edges of cells and one third in the middle.
 const BETWEEN: f64 = 2.0 / 3.0;
 /// Standard deviation and half width of the Gaussian window of the mean, in nodes.

@@ -37,7 +37,7 @@ pub fn effective_samples(x: &[f64]) -> f64 {
     (of_sample / of_mean).clamp(1.0, n as f64)
 }
 
-/// Statistical inefficiency: 1 plus twice the sum of the autocorrelations, the variance of the mean divided by the
+/// Statistical inefficiency, 1 plus twice the sum of the autocorrelations: the variance of the mean divided by the
 /// variance of the mean of independent samples.
 fn inefficiency(x: &[f64], variance: f64) -> f64 {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
@@ -180,11 +180,11 @@ pub fn statistical_inefficiency(x: &[f64]) -> f64 {
     x.iter().filter(|x| x.is_finite()).count() as f64 / effective_samples(x)
 }
 
-/// Mean of the squared normalised innovations times their [`statistical_inefficiency`], 1 plus twice the sum of their
-/// autocorrelations. This is the ratio of the variance of averages of `x` to the variance of averages of independent
-/// values of variance 1. The expected value is 1 for a consistent filter. Averages of innovations correct the position.
-/// Values above 1 therefore mean that the covariance is too small, because the innovations are too large or too
-/// correlated. NaN for a constant or fewer than ten samples.
+/// Mean of the squared normalised innovations times the [`statistical_inefficiency`] of the innovations, which is 1
+/// plus twice the sum of their autocorrelations. This is the ratio of the variance of averages of `x` to the variance
+/// of averages of independent values of variance 1. The expected value is 1 for a consistent filter. Averages of
+/// innovations correct the position. Values above 1 therefore mean that the covariance is too small, because the
+/// innovations are too large or too correlated. NaN for a constant or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     SampleStatistic { value: mean_square(x) * n as f64 / effective_samples(x), n }

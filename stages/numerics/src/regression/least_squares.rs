@@ -189,7 +189,7 @@ impl QrAccumulator {
     /// Pushing in blocks and pushing all rows together give bit-identical results. On an error the factor is unchanged.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] for another number of targets. Also fails unless matrix and targets have
+    /// Fails with [`LeastSquaresError::Shape`] for a wrong number of targets. Also fails unless matrix and targets have
     /// the same whole number of rows. Also fails with [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
@@ -237,7 +237,7 @@ impl QrAccumulator {
     /// merging: merge in the order of the lines.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] for a factor of another number of terms or targets.
+    /// Fails with [`LeastSquaresError::Shape`] for a factor with a different number of terms or targets.
     pub fn merge(&mut self, mut other: Self) -> Result<(), LeastSquaresError> {
         expect("the other factor's targets", other.targets, self.targets)?;
         expect("the other factor's terms", other.terms, self.terms)?;

@@ -198,8 +198,8 @@ impl pulp::NullaryFnOnce for HarmonicSums<'_> {
     }
 }
 
-/// The recursion of [`HarmonicRecursion::harmonics`], degree by degree. Each degree is summed at once, so that at most
-/// three degrees are stored. The order of operations is the same for every register width.
+/// The recursion of [`HarmonicRecursion::harmonics`], degree by degree. Each degree is summed as soon as it is
+/// computed, so that at most three degrees are stored. The order of operations is the same for every register width.
 #[inline(always)]
 fn summed(recursion: &HarmonicRecursion, table: &HarmonicTable, position_m: &[PositionLanes; 3]) -> [PositionLanes; 6] {
     const WIDTH: usize = DEGREE + 1;

@@ -57,7 +57,7 @@ fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
 pub(super) struct OverlapPair {
     pub(super) first: usize,
     pub(super) second: usize,
-    /// The nodes where both are known.
+    /// The nodes where both maps are known.
     nodes: Vec<u32>,
 }
 

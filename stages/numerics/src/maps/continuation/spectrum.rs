@@ -61,8 +61,8 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::Radial(&factor), &trend)
     }
 
-    /// Magnitude of each wave's wavenumber, in rad/m, the squared magnitude of its transform, and its number: 2 for a
-    /// wave whose conjugate the half spectrum omits, else 1. The first wave is the mean.
+    /// Magnitude of each wave's wavenumber, in rad/m, the squared magnitude of its transform, and its multiplicity: 2
+    /// for a wave whose conjugate the half spectrum omits, else 1. The first wave is the mean.
     pub(crate) fn each_wave(&self) -> impl Iterator<Item = (f64, f64, usize)> + '_ {
         let half = self.transform.half();
         let (rows, columns) = (self.transform.layout.rows.padded, self.transform.layout.columns.padded);

@@ -250,7 +250,7 @@ impl<'a> ColumnBlock<'a> {
         self.width > 0
     }
 
-    /// Copies `rows` rows of the buffer to the rows from `at` on.
+    /// Copies the first `rows` rows of the buffer to the rows of the block from row `at` on.
     fn gather(&mut self, buffer: &[f64], at: usize, rows: usize) {
         let (half, stride, used) = (2 * self.transform.half(), self.stride, self.width * self.stride);
         let first = self.first;

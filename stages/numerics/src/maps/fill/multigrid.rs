@@ -257,7 +257,7 @@ mod tests {
         let (mut ma, mut mb, mut ama) = (a.clone(), b.clone(), a.clone());
         cycle.solve(&level, &a, &mut ma);
         cycle.solve(&level, &b, &mut mb);
-        // Sums of some thousand products of order 1.
+        // The limit exceeds the rounding errors of sums of some thousand products of order 1.
         assert!((dot(&a, &mb) - dot(&ma, &b)).abs() < 1e-9 * dot(&a, &ma));
         assert!(dot(&a, &ma) > 0.0 && dot(&b, &mb) > 0.0);
         let mut image = a.clone();

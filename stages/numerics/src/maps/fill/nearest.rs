@@ -158,7 +158,7 @@ impl<'a> NearestNodeSearch<'a> {
     }
 }
 
-/// The last result, for the node in that column: nodes and squared distances in eastward steps, nearest first.
+/// The last result, with the column of its node: nodes and squared distances in eastward steps, nearest first.
 #[derive(Default)]
 struct NearestNodes {
     nodes: Vec<(f64, usize)>,

@@ -154,7 +154,7 @@ pub enum MapGridError {
     },
 }
 
-/// An even, ascending axis in degrees; on a projected grid the nodes are numbered, one per degree.
+/// An even, ascending axis in degrees; on a projected grid, node numbers replace the degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeographicAxis {
     first_deg: f64,
@@ -268,7 +268,7 @@ fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapGridE
     Ok(())
 }
 
-/// A regular grid of anomalies in nT, NaN where unknown; rows go north, columns east.
+/// A regular grid of anomalies in nT, NaN where unknown; rows run from south to north, columns from west to east.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeographicGrid {
     lat: GeographicAxis,

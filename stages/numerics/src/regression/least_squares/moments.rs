@@ -125,7 +125,7 @@ impl RegressionMoments {
     /// order of the lines.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] for moments of another number of terms or targets.
+    /// Fails with [`LeastSquaresError::Shape`] for moments with a different number of terms or targets.
     pub fn merge(&self, other: &Self) -> Result<Self, LeastSquaresError> {
         expect("the other line's terms", other.terms, self.terms)?;
         expect("the other line's targets", other.targets, self.targets)?;

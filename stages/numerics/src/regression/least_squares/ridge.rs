@@ -216,7 +216,7 @@ struct TermRank {
     dependent: Vec<String>,
 }
 
-/// Rank of the columns scaled to one length, and the terms that reduce the rank.
+/// Rank of the columns scaled to the same length, and the terms that reduce the rank.
 ///
 /// The component of a term in the directions without excitation is the diagonal of the projector onto them, which is
 /// independent of the basis of the decomposition.

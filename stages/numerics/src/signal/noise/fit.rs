@@ -59,7 +59,7 @@ pub enum NoiseFitError {
     },
 }
 
-/// Statistic of the record. Its response to a unit of each part depends on the correlation time.
+/// Statistic of the record at one lag or interval. Its response to a Gauss-Markov part depends on the correlation time.
 struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
