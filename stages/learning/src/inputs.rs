@@ -8,10 +8,9 @@ use rayon::prelude::*;
 
 /// Rows per partial sum; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
-/// Ratio of standard deviation to mean below which a column varies only by the rounding of its mean.
+/// A column varies only by the rounding of its mean if its standard deviation is at most this fraction of the mean.
 pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
-/// Ratio of a component's standard deviation to the largest standard deviation, below which the component is rounding
-/// error.
+/// A component is rounding error if its standard deviation is at most this fraction of the largest standard deviation.
 pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Error of columns that cannot be inputs.

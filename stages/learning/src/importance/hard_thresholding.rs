@@ -2,7 +2,7 @@
 
 use crate::rows::{RowsError, entries, finite_rows, setting};
 
-/// Relative change of the coefficients below which the iteration ends.
+/// The iteration ends if the relative change of the coefficients is below this value.
 const TOLERANCE: f64 = 1e-10;
 
 /// Maximum number of steps.

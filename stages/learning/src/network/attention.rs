@@ -325,7 +325,7 @@ impl FeatureExtractor for TransformerEncoder {
         });
         let mut none = vec![0.0; 3 * units];
         let (d_sums, d_more) = (&mut self.d_sums[..samples * stride], &mut self.d_more[..samples * stride]);
-        // `d_sums` holds the derivatives along the residual connection, `d_more` those through a layer.
+        // `d_sums` holds the derivatives along the residual connection, and `d_more` the derivatives through a layer.
         self.norms[1].backward((d_features, units), (d_sums, stride), (g2, o2));
         d_more.iter_mut().zip(&*d_sums).zip(&self.slopes).for_each(|((more, d), slope)| *more = d * slope);
         self.dense.add(&self.middle[..samples * stride], stride, d_more, wf, bf);

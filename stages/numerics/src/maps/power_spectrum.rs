@@ -62,7 +62,7 @@ pub struct SpectrumRing {
     pub wavenumber_per_m: f64,
     /// Mean power density, in the squared unit of the map times m².
     pub density: f64,
-    /// Number of waves; those of opposite direction are counted twice.
+    /// Number of waves; two waves of opposite direction count as two.
     pub waves: usize,
 }
 

@@ -3,9 +3,9 @@
 //! Each node is predicted by cubic interpolation from the nodes that are one and three spacings away on both sides. The
 //! residual is the error of a grid with twice the spacing, in the middle between its nodes. At a height h above its
 //! sources, a field is attenuated by exp(−k h) at the wavenumber k [Blakely 1996, (12.8)]. A grid with the spacing d
-//! cannot represent wavenumbers above π/d. If the sources are white, its rms error is therefore
+//! cannot represent wavenumbers above π/d. If the sources are white, the rms error of this grid is therefore
 //!
-//! E(d) = A exp(−π h/d), so that E(d) = E(2d) (E(2d) / E(4d))².
+//! E(d) = A exp(−π h/d), which gives E(d) = E(2d) (E(2d) / E(4d))².
 //!
 //! The formula neglects the error of cubic interpolation at smaller wavenumbers, which matters only where d is far
 //! below h. The error is largest around strong anomalies, so each node has the rms error of its neighbourhood. White

@@ -10,8 +10,8 @@ use crate::regression::least_squares::{
     leave_line_out, setting,
 };
 
-/// Change of the logarithms over two steps of λ below which a curve is stationary and its curvature is dominated by
-/// rounding.
+/// If the logarithms change by less than this over two steps of λ, the curve is stationary and its curvature is
+/// dominated by rounding.
 const STANDS_STILL: f64 = 1e-6;
 
 /// The scores of a fit with one λ.

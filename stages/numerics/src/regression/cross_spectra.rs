@@ -142,7 +142,7 @@ impl CrossSpectra {
         let fft = RealFftPlanner::<f64>::new().plan_fft_forward(n);
         let transform = |mut values: Vec<f64>| {
             let mut spectrum = fft.make_output_vec();
-            // The lengths are those of the plan.
+            // The buffers have the lengths that the plan requires, so this does not fail.
             fft.process(&mut values, &mut spectrum).ok().map(|()| spectrum)
         };
         let level = self.walk.is_some().then(|| columns.iter().map(|values| transform(without_ramp(values))).collect());

@@ -18,7 +18,8 @@ use crate::regression::least_squares::{
     setting,
 };
 
-/// Fraction of the initial covariance with the targets below which the remaining covariance is treated as rounding.
+/// The remaining covariance is treated as rounding if it is below this fraction of the initial covariance with the
+/// targets.
 const NOTHING_LEFT: f64 = 1e-13;
 
 /// The fits with 1, 2, ... components.

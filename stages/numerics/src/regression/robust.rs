@@ -51,7 +51,7 @@ pub struct RobustOptions {
     pub lambda: f64,
     /// Whether there is an unpenalised intercept.
     pub intercept: bool,
-    /// Change of the model's values and of the scale, as a fraction of the scale, below which the iteration ends.
+    /// The iteration ends if the model's values and the scale change by less than this fraction of the scale.
     pub tolerance: f64,
     /// The maximum number of passes over the rows.
     pub passes: usize,

@@ -5,7 +5,7 @@
 //! quantisation. That step is the smallest difference between neighbours that is more than rounding. Changes of the
 //! last digit of a quiet sensor are therefore not flagged as spikes. In a held, interpolated or coarse column, more
 //! than half of the deviations in a run may be at the level of rounding. The median is then computed from the other
-//! samples. Steps and corners of such a column are therefore not flagged, and larger values are. In a run that is
+//! samples. Steps and corners of such a column are therefore not flagged, but larger deviations are. In a run that is
 //! constant except for its spikes, the noise cannot be estimated, and no spikes are found.
 
 use crate::regression::statistics::median;

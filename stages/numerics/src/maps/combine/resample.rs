@@ -4,7 +4,7 @@ use crate::maps::map_surface::{CellPosition, GridInterpolant, GridShape, MapInte
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Distance, as a fraction of a step, below which two nodes are identical.
+/// Two nodes are identical if their distance is below this fraction of a step.
 const SAME: f64 = 1e-6;
 
 /// Values of `map` at the nodes of `target`, by the natural bicubic spline; NaN off the map and in a cell with an

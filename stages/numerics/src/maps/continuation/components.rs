@@ -9,7 +9,7 @@ use super::spectrum::MapSpectrum;
 use super::transform::WavenumberFactor;
 use super::{ContinuationError, finite_height, usable_alpha};
 
-/// Sine of the inclination (15°) below which waves across the core field are damped.
+/// Sine of 15°. At smaller inclinations, waves across the core field are damped.
 const LEAST_SINE: f64 = 0.258_819_045_102_520_76;
 
 /// The anomalous field, in nT.

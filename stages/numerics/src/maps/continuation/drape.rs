@@ -26,7 +26,7 @@ pub enum HeightInterpolation {
 pub struct DrapeOptions {
     /// Step between levels in metres; unset: half of the smaller spacing of the map.
     pub step_m: Option<f64>,
-    /// Maximum depth below its data to which a field is continued, in metres; deeper nodes are unknown (NaN).
+    /// Maximum distance in metres by which a field is continued below its data; deeper nodes are unknown (NaN).
     pub down_max_m: f64,
     /// Damping of downward continuation, in m².
     pub alpha_m2: f64,

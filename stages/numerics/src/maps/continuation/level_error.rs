@@ -3,11 +3,11 @@
 use super::gain::gain;
 use super::radial_power::{RadialPower, WavenumberBin};
 
-/// Fraction of the largest wavenumber above which the waves of a map are treated as noise, if the noise is not given.
+/// If the noise is not given, waves above this fraction of the largest wavenumber are treated as noise.
 const NOISE_FROM: f64 = 0.7;
-/// Ratio of mean squares, wave to noise, above which a wave is treated as field.
+/// A wave is treated as field if its mean square exceeds this multiple of the mean square of the noise.
 const RESOLVED: f64 = 4.0;
-/// Fraction of the largest resolved wavenumber above which a slope is fitted.
+/// A slope is fitted to the waves above this fraction of the largest resolved wavenumber.
 const FITTED_FROM: f64 = 0.35;
 /// Minimum number of bins for a slope.
 const LEAST_BINS: usize = 4;

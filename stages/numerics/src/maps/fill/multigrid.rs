@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// Damping factor of the point-wise corrections: the four corrections of a cycle damp all components that the next
 /// level cannot represent.
 const DAMPING: f64 = 0.8;
-/// Number of nodes below which a level is not coarsened further.
+/// A level of at most this number of nodes is not coarsened further.
 const COARSEST: usize = 64;
 const COARSEST_SWEEPS: usize = 24;
 

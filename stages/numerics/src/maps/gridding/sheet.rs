@@ -35,7 +35,7 @@ const OVER: f64 = 1.6;
 /// Passes between two convergence checks.
 const STRETCH: usize = 16;
 
-/// Distance between a datum and its node, in spacings, below which the datum fixes the node.
+/// A datum fixes its node if its offset from the node is below this number of spacings along both axes.
 const ON_NODE: f64 = 0.05;
 
 /// A datum, with the nearest node and the offset from this node, in nodes.

@@ -21,7 +21,7 @@ const REWEIGHTED: usize = 4;
 const BY_CHANCE: f64 = 0.05;
 /// Number of standard deviations by which the scatter of a group must exceed the scatter expected from its errors.
 const BEYOND: f64 = 1.645;
-/// Minimum ratio of crossovers to coefficients at which the iteration starts with unconstrained corrections.
+/// The iteration starts with unconstrained corrections if there are at least this number of crossovers per coefficient.
 const ENOUGH: usize = 2;
 /// Minimum number of crossovers of a line that is individually out of level. With fewer crossovers, the line may only
 /// seem out of level because crossovers are wrong.
@@ -153,8 +153,8 @@ impl<'a> CrossoverAdjustment<'a> {
             found.coefficients.truncate(self.shift());
             return found;
         }
-        // The iteration starts with free corrections if there are enough crossovers to separate them from noise, and
-        // otherwise without corrections.
+        // The iteration starts with unconstrained corrections if there are enough crossovers to separate them from
+        // noise, and otherwise without corrections.
         let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
         if free {

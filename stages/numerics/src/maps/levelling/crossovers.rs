@@ -6,8 +6,8 @@ use rayon::prelude::*;
 /// Criteria for crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverOptions {
-    /// Distance between two points of a line, metres, above which the gap between them is not interpolated; `None` is
-    /// twenty times the median distance between points.
+    /// Limit in metres: if two successive points of a line are farther apart, the gap between them is not interpolated.
+    /// `None` is twenty times the median distance between points.
     pub gap_m: Option<f64>,
     /// Minimum angle of a crossing, in degrees; the position of shallower crossings is uncertain.
     pub least_angle_deg: f64,

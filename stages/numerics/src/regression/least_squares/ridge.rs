@@ -4,12 +4,12 @@ use faer::Mat;
 
 use super::LeastSquaresError;
 
-/// Singular value, as a fraction of the largest, below which a direction is not excited; all columns are first scaled
-/// to the same length. Rounding in a zero-phase filter over 50,000 nT gives dependent columns singular values of about
-/// 1e-13; real calibration flights have more than 1e-6.
+/// A direction is not excited if its singular value is at most this fraction of the largest; all columns are first
+/// scaled to the same length. Rounding in a zero-phase filter over 50,000 nT gives dependent columns singular values of
+/// about 1e-13; real calibration flights have more than 1e-6.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
-/// Minimum component of a term in a direction without excitation for the term to be listed.
+/// A term is listed if its component in the directions without excitation is at least this large.
 const NAMED_FROM: f64 = 1e-4;
 
 /// The triangular factor of [A | Y] and statistics of its rows.
