@@ -7,7 +7,8 @@ pub(crate) fn uniform(bits: &mut SplitMix64) -> f64 {
     (bits.draw() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Uniform in `0..bound`; 0 for a bound of 0. The relative error of a probability is at most `bound`/2⁶⁴.
+/// A number drawn uniformly from `0..bound`; 0 for a bound of 0. The relative error of a probability is at most
+/// `bound`/2⁶⁴.
 pub(crate) fn below(bits: &mut SplitMix64, bound: usize) -> usize {
     ((u128::from(bits.draw()) * bound as u128) >> 64) as usize
 }

@@ -68,7 +68,7 @@ pub fn permutation<E: Send>(
     Ok(PermutationImportance { base, increases: made.chunks(blocks.repeats).map(of_group).collect() })
 }
 
-/// The source row of the columns for each row.
+/// For each row, the row from which the permuted columns are taken.
 fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u32> {
     let mut bits = SplitMix64::new(seed_of(blocks.seed, &["permutation", &repeat.to_string()]));
     let order = draws::cycle(&mut bits, rows.div_ceil(blocks.rows));

@@ -107,9 +107,9 @@ impl Excitation {
 ///
 /// The trivial solution [van der Meer 2025, 4.2.1] has no permanent field, the unit matrix as induced field and no eddy
 /// currents. Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, with a residual of zero. Band-passed rows cannot
-/// separate it from the true solution where the magnitude of the earth's field is constant. Unfiltered terms can
-/// separate them. Of a field of 50,000 nT, the true solution explains some hundreds of nT, and the trivial solution
-/// explains the whole field.
+/// separate the trivial solution from the true one where the magnitude of the earth's field is constant. Unfiltered
+/// terms can separate them. Of a field of 50,000 nT, the true solution explains some hundreds of nT, and the trivial
+/// solution explains the whole field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrivialSolution {
     /// Fraction of the total field that the fit explains, in the metric of the unfiltered terms: 0.002 for 100 nT in

@@ -211,7 +211,7 @@ impl MapStack {
         }
     }
 
-    /// Level below a height, except the highest level; `None` below the lowest or for NaN.
+    /// Level below a height, but never the highest level; `None` below the lowest level or for NaN.
     #[inline(always)]
     fn level_below(&self, alt_m: f64) -> Option<usize> {
         // Stacks have few levels: a linear search is faster than bisection.

@@ -5,9 +5,9 @@
 //! It is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani 2010, "Regularization
 //! paths for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path begins at the α for
 //! which all coefficients are zero and descends; each α starts from the previous solution. Rows are never read: all
-//! computations use the triangular factor. The active terms are also solved exactly on it, so that ill-conditioned
-//! terms do not slow the descent. The descent ends when the duality gap, which bounds the distance from the minimum, is
-//! small.
+//! computations use the triangular factor. It also gives the exact solution for the active terms, so that
+//! ill-conditioned terms do not slow the descent. The descent ends when the duality gap, which bounds the distance from
+//! the minimum, is small.
 
 mod descent;
 

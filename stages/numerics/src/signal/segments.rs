@@ -89,7 +89,7 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 ///
 /// # Errors
 /// Returns the errors of [`check_increasing`]. Also fails with [`TimeError::TooShort`] for fewer than two samples, or
-/// with [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
+/// with [`TimeError::Uneven`] for a step that is not a gap and differs from the median by more than the tolerance.
 pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     check_increasing(tt)?;
     let mut steps: Vec<f64> = tt.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -76,11 +76,11 @@ pub fn level_to_drape(
 
 /// Map on a level, computed from the map on a drape.
 ///
-/// The chessboard method treats the draped map as level and continues it to evenly spaced heights. It then interpolates
-/// each node at the difference between the level and the height of the node [Cordell 1985; MagNav.jl's
-/// `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level below all
-/// heights is therefore continued back up to the drape, where the field is known. The difference at the nodes is added
-/// by the same method. A node whose height is more than `down_max_m` above the level is NaN.
+/// The chessboard method treats the draped map as level and continues it to evenly spaced heights. At each node, it
+/// then interpolates between these heights at the difference between the level and the height of the node [Cordell
+/// 1985; MagNav.jl's `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a
+/// level below all heights is therefore continued back up to the drape, where the field is known. The difference at the
+/// nodes is added by the same method. A node whose height is more than `down_max_m` above the level is NaN.
 ///
 /// # Errors
 /// Returns the errors of [`level_to_drape`].
@@ -148,8 +148,8 @@ impl DrapeOptions {
         Ok(grid.with(values))
     }
 
-    /// Computes the field on a level below all heights that reproduces the map when continued up to the drape, then the
-    /// field on the level.
+    /// First computes, on a level below all heights, the field that reproduces the map when continued up to the drape;
+    /// then computes the field on the requested level.
     fn refined(
         &self,
         grid: &PlaneGrid,
@@ -200,7 +200,7 @@ impl ContinuationLevels {
         let (least, around) = if interpolation == HeightInterpolation::Linear { (2, 0.0) } else { (4, 1.0) };
         let steps = |height: f64| (height / step_m).clamp(-1e9, 1e9);
         let wanted = steps(lowest_m).floor() - around;
-        // A field requested only above the map needs no downward continuation.
+        // If the field is requested only above the map, no downward continuation is needed.
         let first = if lowest_m < 0.0 { wanted } else { wanted.max(0.0) };
         let count = least.max((steps(highest_m).ceil() + around - first).max(0.0) as usize + 1);
         if count > MOST_LEVELS {

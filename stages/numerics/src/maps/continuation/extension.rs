@@ -10,8 +10,8 @@ pub const MOST_PADDING: usize = 5000;
 /// The assumed continuation of a map past its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeExtension {
-    /// The value at the edge falls to the trend over half a period of a cosine. The image of the map rotated about the
-    /// edge, which continues slope and detail, fades over `detail_nodes`.
+    /// The value at the edge falls to the trend over half a period of a cosine. The image of the map, rotated about the
+    /// edge, continues slope and detail; it fades over `detail_nodes`.
     ///
     /// This extension was compared with others on fields of dipoles in and around a map, continued upward by 2 to 10
     /// spacings. The alternatives were zeros, linear and cosine bridges, even and odd images with tapers and

@@ -20,11 +20,11 @@ use super::trend::TrendPlane;
 
 type Complex64 = Complex<f64>;
 
-/// Columns that are transformed between a gather and a scatter: a kilobyte of each row.
+/// Number of columns that are transformed between a gather and a scatter: a kilobyte of each row.
 const GROUP: usize = 64;
-/// Columns that one task gathers at a time: two cache lines.
+/// Number of columns that one task gathers at a time: two cache lines.
 const PANEL: usize = 8;
-/// Rows that one task scatters at a time.
+/// Number of rows that one task scatters at a time.
 const BAND: usize = 16;
 
 /// A factor for each wavenumber in rad/m.

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 /// Number of rows and columns around an unknown node that must be searched. A known node farther away cannot be among
 /// the `neighbours` nearest of any unknown node, unless it is on the border of the map.
 ///
-/// Consider a known node whose eight neighbours are all known. At least three of them are nearer to any unknown node
-/// than the node itself. If the unknown node is c columns and r rows away, the three are one step nearer in columns, in
-/// rows, and in both. If r = 0 (so that c is at least 2), they are the three nodes of the next column, provided that
-/// the step between rows is shorter than √3 times the step between columns. Such a node is therefore not among the
-/// nearest three. In general, every node of the chain that leads straight from a known node to an unknown one is
-/// strictly nearer to the unknown node than the previous one. Fewer than `neighbours` nodes of the chain are therefore
-/// known.
+/// Consider a known node whose eight neighbours are all known. At least three of these neighbours are nearer to any
+/// unknown node than the known node itself. If the unknown node is c columns and r rows away, the three are one step
+/// nearer in columns, in rows, and in both. If r = 0 (so that c is at least 2), they are the three nodes of the next
+/// column, provided that the step between rows is shorter than √3 times the step between columns. Such a node is
+/// therefore not among the nearest three. In general, every node of the chain that leads straight from a known node to
+/// an unknown one is strictly nearer to the unknown node than the previous one. Fewer than `neighbours` nodes of the
+/// chain are therefore known.
 fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     let near_square = east_m < 1.7 * north_m && north_m < 1.7 * east_m;
     if neighbours <= 3 && near_square { 1 } else { neighbours }

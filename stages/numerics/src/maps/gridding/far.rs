@@ -8,8 +8,8 @@ const LEAST_REACH_M: f64 = 1000.0;
 /// Column and row of a square cell of the plane.
 type PlaneCell = [i64; 2];
 
-/// Indices, ascending, of points that are far from all others. Such points form groups of fewer than a hundredth of the
-/// points, or are single, and the empty distance around them exceeds half of the survey's extent. The reach is the
+/// Indices, ascending, of points that are far from all others. Such points are single or in groups of fewer than a
+/// hundredth of all points, and the distance to all other points exceeds half of the survey's reach. The reach is the
 /// diagonal of the rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are
 /// metres on one plane; points with a coordinate that is not finite are never far.
 ///

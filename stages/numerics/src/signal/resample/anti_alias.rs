@@ -12,7 +12,7 @@ pub const ANTI_ALIAS_ORDER: usize = 8;
 /// Error of an anti-alias filter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AntiAliasError {
-    /// The samples are not evenly spaced, which a filter requires.
+    /// The samples are not evenly spaced, but a filter requires even spacing.
     #[error(transparent)]
     Time(#[from] TimeError),
     /// The filter cannot be designed or applied.
