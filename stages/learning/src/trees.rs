@@ -133,7 +133,7 @@ pub enum RegressionTreeNode {
     Split {
         /// The column, from 0.
         feature: usize,
-        /// In the unit of the column.
+        /// The threshold, in the unit of the column.
         threshold: f64,
         /// Index of a child node, larger than the index of this node.
         left: usize,
@@ -168,7 +168,7 @@ pub enum BoostingError {
     /// There are too few rows for two leaves.
     #[error("each tree uses {rows} rows, but two leaves require {needed}")]
     TooFewRows {
-        /// The rows that a tree uses.
+        /// The number of rows that a tree uses.
         rows: usize,
         /// Twice the minimum number of rows of a leaf.
         needed: usize,

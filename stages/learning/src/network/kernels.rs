@@ -6,11 +6,11 @@
 
 use pulp::{Simd, WithSimd};
 
-/// Number of units of a panel. If at most half as many remain, a small panel is used.
+/// Number of units of a panel. If at most half as many units remain, a small panel is used.
 const PANEL: usize = 8;
-/// Units of a small panel.
+/// Number of units of a small panel.
 const SMALL: usize = 4;
-/// Rows (or inputs) that are processed together.
+/// Number of rows (or inputs) that are processed together.
 const TILE: usize = 6;
 
 /// The number of units of the next panel.

@@ -58,7 +58,7 @@ impl TrainingState {
         Self::beginning(parameters, shape.linear_start(), shape.linear)
     }
 
-    /// The start from parameters with up to `count` linear coefficients, which begin at `linear`.
+    /// The start from parameters that contain up to `count` linear coefficients, beginning at index `linear`.
     pub(super) fn beginning(parameters: Vec<f64>, linear: usize, count: usize) -> Self {
         let tolles_lawson = parameters.iter().copied().skip(linear).take(count).collect();
         Self {

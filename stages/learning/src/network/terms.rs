@@ -35,7 +35,7 @@ struct TermTransform {
     mean: Vec<f64>,
     /// M, row-major: a row for each term.
     to: Vec<f64>,
-    /// The inverse of the matrix.
+    /// The inverse of M.
     back: Vec<f64>,
 }
 

@@ -52,7 +52,7 @@ pub struct WindowedNetworkShape {
     pub memory: MemoryLayers,
     /// The number of inputs of a sample.
     pub inputs: usize,
-    /// The number of samples; a power of two of at least 2 for `tcn`.
+    /// The number of samples of the window; a power of two of at least 2 for `tcn`.
     pub window: usize,
     /// Number of heads of `transformer`, a divisor of the number of units; 1 for other layers.
     pub heads: usize,
@@ -97,7 +97,7 @@ fn first_rows(lengths: &[usize], rows: usize) -> Option<Vec<u32>> {
 
 /// Layers that compute features of windows, for a block of rows.
 pub(super) trait FeatureExtractor: Send {
-    /// Sets its parameters.
+    /// Sets the parameters of these layers.
     fn set(&mut self, parameters: &[f64]);
 
     /// The features of each row, row-major.

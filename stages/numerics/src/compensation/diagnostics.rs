@@ -226,8 +226,8 @@ pub struct CoefficientVariation {
     pub coefficient_of_variation: f64,
 }
 
-/// Scatter of each coefficient over several calibrations, each given as a slice of coefficients. Figure 3-8 shows the
-/// mean of the coefficients of variation as a function of λ.
+/// Scatter of each coefficient over several calibrations, each given as a slice of coefficients. Figure 3-8 of Gnadt
+/// 2022 shows the mean of the coefficients of variation as a function of λ.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::NoRows`] without calibrations, or with [`LeastSquaresError::Shape`] if they have

@@ -61,8 +61,8 @@ pub fn core_term_names() -> Vec<String> {
 
 /// The 21 terms of the core-field (reference-free) model, row-major. u denotes the direction cosines of the vector
 /// magnetometer, C the core field in the body frame and Ċ its difference per sample. The terms are u_i (3), C_i u_j (9)
-/// and Ċ_i u_j (9). The index i varies fastest. The terms with C and Ċ are divided by `scale_nt`. Their target is the
-/// scalar minus
+/// and Ċ_i u_j (9). The index i varies fastest. The terms with C and Ċ are divided by `scale_nt`. The target of the
+/// model is the scalar minus
 /// |C|. [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
 /// `None` for a single sample, because its difference is unknown.

@@ -15,8 +15,8 @@
 //!
 //! The residual e may be correlated with a by chance. Both change slowly, so a thousand samples may correspond to only
 //! a dozen independent samples. The standard error includes this effect: if a and e are independent, the variance of Σ
-//! a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is
-//! computed as the mean square of Σ a e over all circular shifts of one series against the other, with one Fourier
+//! a e is the sum, over all lags, of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It
+//! is computed as the mean square of Σ a e over all circular shifts of one series against the other, with one Fourier
 //! transform of each. Fitting the slope removes one degree of freedom from e. The standard error is corrected for this
 //! with the number of independent samples, which is 1 over the mean squared correlation of the shifts. A retention
 //! within two standard errors of 1 is no evidence of a loss.

@@ -1,10 +1,10 @@
 //! Lines levelled by their differences at crossovers.
 //!
 //! The correction of a line is a polynomial of low order along the line that minimises the differences at the
-//! crossovers. The least squares are weighted by the gradient of the field and reweighted, so that a crossover in a
-//! steep field or with a wrong position does not dominate. [Luyendyk 1997, "Processing of airborne magnetic data"]
-//! Corrections that the crossovers do not support are omitted, see [`LevellingOptions::tested`]. The normal equations
-//! are kept sparse and solved by conjugate gradients.
+//! crossovers. The least-squares weights decrease with the gradient of the field and with the size of the difference,
+//! so that a crossover in a steep field or with a wrong position does not dominate. [Luyendyk 1997, "Processing of
+//! airborne magnetic data"] Corrections that the crossovers do not support are omitted, see
+//! [`LevellingOptions::tested`]. The normal equations are kept sparse and solved by conjugate gradients.
 
 mod adjustment;
 mod crossovers;
@@ -101,7 +101,8 @@ pub struct LineCorrection {
     pub tie: bool,
     /// The number of its crossovers.
     pub crossovers: usize,
-    /// Coefficients in nT of Legendre's polynomials, from -1 at the line's first point to 1 at its last.
+    /// Coefficients, in nT, of Legendre's polynomials. Their argument is -1 at the line's first point and 1 at its
+    /// last.
     pub coefficients_nt: Vec<f64>,
     /// Whether the line is individually out of level.
     pub alone: bool,

@@ -13,11 +13,11 @@
 //! for a power estimate remain after the fit. Terms and residual may have any spectrum that is smooth within a band.
 //!
 //! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. The
-//! resulting jump correlates its Fourier components, and a slow term fits the ramp: standard deviations are then 2 to 4
-//! times too small. If the slowest waves are far stronger than the next waves, the residual is therefore split into a
-//! ramp from its first to its last sample and a remainder with independent waves. The variance of the ramp is that of a
-//! random walk with the increments of the slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of a constant
-//! increases with the length of the walk and is not included in its standard deviation.
+//! resulting jump correlates the residual's Fourier components, and a slow term fits the ramp: standard deviations are
+//! then 2 to 4 times too small. If the slowest waves are far stronger than the next waves, the residual is therefore
+//! split into a ramp from its first to its last sample and a remainder with independent waves. The variance of the ramp
+//! is that of a random walk with the increments of the slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of
+//! a constant increases with the length of the walk and is not included in its standard deviation.
 //!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
 //! nonparametric autocorrelation, Econometrica 66(5).

@@ -143,8 +143,8 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     }
 }
 
-/// Allan variance of a stationary Gauss-Markov process over its variance, for means over `span_s`. [IEEE Std 952-1997,
-/// (C.20)]
+/// Allan variance of a stationary Gauss-Markov process divided by its variance, for means over `span_s`. [IEEE Std
+/// 952-1997, (C.20)]
 pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
     let u = span_s / tau_s;
     if u < 1e-3 {

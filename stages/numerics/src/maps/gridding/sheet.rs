@@ -19,20 +19,20 @@ pub struct RelaxationOptions {
 /// Convergence of the relaxation of the finest grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelaxationReport {
-    /// Passes over the grid.
+    /// Number of passes over the grid.
     pub passes: usize,
     /// Expected change of a node in all further passes, in nT, from the convergence rate. The change exceeds the
     /// tolerance if the maximum number of passes was reached.
     pub left_nt: f64,
 }
 
-/// Rows and columns beyond an edge.
+/// Number of rows and columns beyond an edge.
 const EDGE: usize = 2;
 
 /// The over-relaxation factor.
 const OVER: f64 = 1.6;
 
-/// Passes between two convergence checks.
+/// Number of passes between two convergence checks.
 const STRETCH: usize = 16;
 
 /// A datum fixes its node if its offset from the node is below this number of spacings along both axes.
@@ -130,8 +130,8 @@ impl RelaxationGrid {
         }
     }
 
-    /// Passes over the grid until the expected remaining change is within the tolerance or the maximum number of passes
-    /// is reached.
+    /// Relaxes the grid until the expected remaining change is within the tolerance or the maximum number of passes is
+    /// reached.
     ///
     /// Slow modes of the surface change little per pass over very many passes, so the change of one pass is not a
     /// criterion of convergence. The remaining change is the sum of the geometric series that starts with the changes

@@ -90,8 +90,8 @@ impl<'a> CrossoverAdjustment<'a> {
         made
     }
 
-    /// A point lies at the fraction `part` of the way from `point` to the next point. Returns the position of this
-    /// point along the line, from -1 to 1, and the index of the line.
+    /// Position along the line, from -1 to 1, of the point at the fraction `part` of the way from `point` to the next
+    /// point; and the index of the line.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
         let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
