@@ -26,7 +26,7 @@ def predictions(name, a):
     given = {"x": x, "a": a}
     predicted = session.run(["y"], {each.name: given[each.name] for each in session.get_inputs()})[0]
     assert predicted.shape == (len(x), 1), predicted.shape
-    # The number of rows is free.
+    # The number of rows is not fixed.
     one = session.run(["y"], {each.name: given[each.name][:1] for each in session.get_inputs()})[0]
     np.testing.assert_allclose(one, predicted[:1], rtol=1e-12)
     return predicted[:, 0]
