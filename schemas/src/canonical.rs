@@ -189,13 +189,14 @@ pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowErro
     Ok(Arc::new(numbers.iter().map(|x| x.map(identifier)).collect::<StringArray>()))
 }
 
-/// Text of a numeric identifier: the shortest text that reads back as the same number. It is in single precision if the
-/// identifier is exact in single precision: line 1006.04 in single precision is 1006.0399780273438 in double precision.
+/// Text of a numeric identifier: the shortest text that reads back as the same number. For a number that is exact in
+/// single precision, this is the shortest text in single precision: line 1006.04, once stored in single precision, is
+/// 1006.0399780273438 in double precision.
 pub fn identifier(x: f64) -> String {
     as_written(x).to_string()
 }
 
-/// The number before an identifier was rounded to single precision.
+/// The original value of an identifier that was rounded to single precision.
 pub fn as_written(x: f64) -> f64 {
     let single = x as f32;
     // A whole number is already exact.

@@ -9,7 +9,7 @@ use crate::Fault;
 
 /// Casts `array` to `kind`.
 ///
-/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array, which is wrong.
+/// Arrow's cast of lists to fixed-size lists is wrong for a slice: it reads from the start of the underlying array.
 /// That cast is therefore implemented here.
 ///
 /// # Errors

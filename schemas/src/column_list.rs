@@ -6,8 +6,8 @@ use crate::Column;
 
 /// Columns in the order of their table.
 ///
-/// Most tables of a plan pass on most of their columns. A copy of the list shares its columns, so each column that a
-/// table passes on costs one pointer. Two lists are equal if their columns have equal values.
+/// Most stages of a plan pass most columns on to the next table. A copy of the list shares its columns, so each column
+/// that is passed on costs one pointer. Two lists are equal if their columns have equal values.
 #[derive(Clone, Debug, Default)]
 pub struct ColumnList(Vec<Arc<Column>>);
 

@@ -10,7 +10,7 @@ pub const VERSION: u32 = 1;
 /// The columns that every flight table has.
 pub const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
-/// Column with the grade of the INS and the error sources that differ from it.
+/// Column with the grade of the INS, and the error sources that differ from this grade.
 pub const INS_GRADE: &str = "ins_grade";
 
 /// Columns of the position by a GNSS receiver.

@@ -58,7 +58,7 @@ pub fn shape_with_error() -> TableShape {
     shape
 }
 
-/// The columns of a map that a stage yields, in their order, without those that the stage adds.
+/// Columns, in order, of every map that a stage yields. A stage may add further columns.
 pub const MADE_COLUMNS: [&str; 7] = ["lat", "lon", "alt", "anomaly", "easting", "northing", "epsg"];
 
 /// The unit of the anomaly.
@@ -66,7 +66,8 @@ pub const ANOMALY_UNIT: &str = "nT";
 
 /// The columns of a map that a stage yields, row by row from the south, each row from west to east: [`COLUMNS`], then
 /// the node on the native grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both are null
-/// for a map in latitude and longitude. The unit of a derivative is not nT.
+/// for a map in latitude and longitude. `unit` is the unit of the column `anomaly`; it differs from nT for a
+/// derivative.
 pub fn made_columns(unit: &str) -> Vec<Column> {
     let mut columns: Vec<Column> = shape().columns.iter().cloned().collect();
     for column in columns.iter_mut().filter(|c| c.name == "anomaly") {

@@ -189,7 +189,7 @@ fn quantile_of_all(part: f64, lines: &[WeightedScore]) -> f64 {
     let wanted = part * (total - 1.0);
     let (mut below, mut before): (f64, Option<(f64, f64)>) = (0.0, None);
     for (value, weight) in all {
-        // Rank of the middle one of the samples that the value represents.
+        // Rank of the middle sample among those that the value represents.
         let rank = below + (weight - 1.0) / 2.0;
         if rank >= wanted {
             return match before {

@@ -239,8 +239,8 @@ pub enum ProbableCause {
     Unix(f64),
 }
 
-/// The probable cause of a `value` outside `limits` if its unit is not `declared` (the unit in the file or the spec;
-/// without one, the canonical unit).
+/// The probable cause of a `value` outside `limits`, such as a unit other than the one in the file or spec (`declared`;
+/// if it is empty, the canonical unit).
 pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<ProbableCause> {
     let canonical = *limits.kind.units().first()?;
     let declared = if declared.is_empty() { canonical } else { declared };

@@ -108,7 +108,7 @@ pub(crate) fn read(name: &str, metadata: &HashMap<String, String>) -> Correction
     }
 }
 
-/// Corrections of the columns of the contract, which are those of the SGL data sets.
+/// Corrections of the contract's columns, whose names are those of the SGL data sets.
 fn by_name(name: &str) -> CorrectionSet {
     match name {
         "mag_1_lag" => CorrectionSet::from([MagneticCorrection::Lag]),

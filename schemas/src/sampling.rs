@@ -16,7 +16,7 @@ const RATE: &str = "rate_hz";
 /// Dependence of one entry on the sample rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateLaw {
-    /// A difference of this order per sample: proportional to the time between samples to that power.
+    /// A difference of this order per sample. It is proportional to this power of the time between samples.
     Difference(i32),
     /// The value of an earlier sample, which has no equivalent at another rate.
     Lag,
@@ -93,7 +93,8 @@ impl RateDependence {
         metadata.extend(self.rate_hz.map(|rate_hz| (RATE.to_owned(), rate_hz.to_string())));
     }
 
-    /// Reads the metadata of a field with these entries; without metadata, the names determine it.
+    /// Reads the sampling from the metadata of a field with these entries. Without metadata, it follows from the names
+    /// of the entries.
     pub(crate) fn read(names: &[String], metadata: &HashMap<String, String>) -> RateDependence {
         let rate_hz = metadata.get(RATE).and_then(|rate| rate.parse().ok()).filter(|rate: &f64| *rate > 0.0);
         let Some(listed) = metadata.get(PER_SAMPLE) else {

@@ -17,7 +17,7 @@ pub enum FaultOwner {
     Data,
     /// The machine: a disk, a permission, memory. A retry may help, so the fault is not cached.
     Machine,
-    /// magline or a stage: its author corrects it. Another version may not have the fault, so it is not cached.
+    /// magline or a stage: its author corrects it. The fault may be absent in another version, so it is not cached.
     Bug,
 }
 
@@ -54,9 +54,9 @@ pub struct Fault {
     pub what: String,
     /// Remedy.
     pub help: Option<String>,
-    /// Bytes of the spec that contain the fault.
+    /// Byte range of the fault in the spec.
     pub at: Option<Range<usize>>,
-    /// The parameter of the stage that contains the fault. The planner converts it to bytes of the spec.
+    /// The parameter of the stage that contains the fault. The planner converts it to a byte range in the spec.
     pub param: Option<String>,
     /// Location in the data.
     pub place: DataLocation,
@@ -136,7 +136,7 @@ impl Fault {
         self
     }
 
-    /// Sets the bytes of the spec, unless they are already set.
+    /// Sets the byte range in the spec, unless it is already set.
     pub fn at(mut self, at: Range<usize>) -> Self {
         self.at.get_or_insert(at);
         self

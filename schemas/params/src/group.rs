@@ -63,7 +63,7 @@ pub trait Params: Sized {
     /// Parameters, for the reference.
     fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc>;
 
-    /// Adds every parameter in canonical spelling.
+    /// Adds every parameter to `out`, in canonical spelling.
     fn spell(&self, out: &mut Vec<(&'static str, String)>);
 
     /// Checks that every value obeys its rule, for a group that was not read from a spec.
@@ -75,7 +75,7 @@ pub trait Params: Sized {
 
 /// Reader of the keys of one table; collects all their faults.
 pub struct ParamReader<'a> {
-    /// Owner of the keys in messages: a stage, or a table.
+    /// Name that messages give to the owner of the keys, which is a stage or a table.
     pub owner: &'a str,
     /// The lists of [kinds](crate::ChoiceKind) that values are selected from.
     pub lists: &'a ChoiceRegistry,
@@ -85,7 +85,7 @@ pub struct ParamReader<'a> {
 }
 
 impl<'a> ParamReader<'a> {
-    /// Reader of the keys `args` of a table at the bytes `at`.
+    /// Reader of the keys `args` of the table at the byte range `at`.
     pub fn new(
         owner: &'a str,
         args: &'a SpecEntries,
@@ -234,7 +234,7 @@ pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
     list.into_iter().next()
 }
 
-/// Text for an unset parameter with the default `_default`: none.
+/// Always `None`: a parameter with the default `_default` needs no text for its behaviour when unset.
 #[doc(hidden)]
 pub const fn no_text(_default: &str) -> Option<&'static str> {
     None

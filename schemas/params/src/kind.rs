@@ -4,8 +4,8 @@ use std::{any::Any, fmt, sync::Arc};
 
 use crate::{Fault, Literal, Param, ParamDoc, ParamReader, ParamValue, Params, Rule};
 
-/// One of several choices that a key selects by name. Its own keys are in the same table as the selecting key. A key of
-/// another choice is rejected; if the choice is a value of an axis, such a key has no effect.
+/// One of several choices that a key selects by name. The keys of a choice are in the same table as the key that
+/// selects it. A key of another choice is rejected; if the choice is a value of an axis, such a key has no effect.
 pub trait ChoiceKind: Send + Sync + 'static {
     /// The selected choice, with its keys.
     type Keys: ?Sized + Send + Sync + 'static;
@@ -30,7 +30,7 @@ pub trait ChoiceKind: Send + Sync + 'static {
         vec![]
     }
 
-    /// Keys of the surrounding table that only some choices use, including this one.
+    /// Keys of the surrounding table that this choice uses, but not every choice.
     fn takes(&self) -> &'static [&'static str] {
         &[]
     }
@@ -153,7 +153,8 @@ pub struct ChoiceSelection<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
-    /// Selection of a choice with these keys, made outside a spec. No key has a spelling, and no other choice has keys.
+    /// Selection of a choice with these keys, made outside a spec. Its keys have no canonical spelling, and the list
+    /// contains no other choice.
     pub fn new(kind: &'static K, keys: Arc<K::Keys>) -> Self {
         Self { kind, keys, spelt: vec![], kinds: Arc::new(ChoiceList::new(vec![kind])) }
     }

@@ -14,9 +14,9 @@ use crate::{Fault, Literal};
 pub struct SpecEntry {
     /// Value.
     pub value: Literal,
-    /// The bytes of the key.
+    /// Byte range of the key.
     pub key_at: Range<usize>,
-    /// The bytes of the value.
+    /// Byte range of the value.
     pub at: Range<usize>,
 }
 
@@ -28,7 +28,7 @@ pub type SpecEntries = BTreeMap<String, SpecEntry>;
 pub struct SpecSection {
     /// Keys.
     pub keys: SpecEntries,
-    /// The bytes of the table.
+    /// Byte range of the table.
     pub at: Range<usize>,
 }
 

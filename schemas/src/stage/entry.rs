@@ -19,7 +19,7 @@ pub struct StageEntry {
     pub grain: Grain,
     /// The kind of table that it yields.
     pub yields: TableKind,
-    /// Purpose, if views look for it.
+    /// Purpose by which views of results find the stage; `None` without such a view.
     pub role: Option<StageRole>,
     /// Inputs.
     pub inputs: &'static [InputDecl],
@@ -109,9 +109,8 @@ impl StageEntry {
 /// documentation. The grain selects the trait that the stage implements: [`LineStage`](crate::LineStage),
 /// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of type `Option` documents its
 /// behaviour when unset (`absent`). A stage that yields a kind of table other than the default of its grain declares
-/// it: `grain Survey, yields Map`. A stage that views of results look for declares its role after it: `role Scores`. An
-/// optional input follows the required ones: `inputs [map: Map, with: ManyMaps
-/// optional]`.
+/// it: `grain Survey, yields Map`. If views of results look for the stage, its role follows the kind of table: `role
+/// Scores`. An optional input follows the required ones: `inputs [map: Map, with: ManyMaps optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineInput, LineStage, Rule, Stage, Table, StageSchema};
@@ -197,7 +196,7 @@ macro_rules! stage {
     };
 }
 
-/// Whether an input is followed by the word `optional`, the only one permitted.
+/// Whether an input is followed by `optional`, the only word permitted there.
 #[doc(hidden)]
 pub const fn is_optional(words: &[&str]) -> bool {
     !words.is_empty()

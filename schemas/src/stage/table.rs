@@ -84,9 +84,9 @@ pub enum InputKind {
     ManyMaps,
     /// A table of scores.
     Scores,
-    /// A table of flight lines that all belong to every line of the other inputs, such as the days of a station's
-    /// record. [`crate::LineStage::prepare`] receives its columns of all lines together, in the order of flight and
-    /// line.
+    /// A table of flight lines, all of which are available to each line of the other inputs, such as the days of a
+    /// station's record. [`crate::LineStage::prepare`] receives the columns of all its lines together, in the order of
+    /// flight and line.
     Record,
     /// One or several such tables.
     ManyRecords,
@@ -106,7 +106,7 @@ impl InputKind {
         }
     }
 
-    /// Whether all its lines belong to each line of the other inputs.
+    /// Whether all its lines are available to each line of the other inputs.
     pub const fn is_record(self) -> bool {
         matches!(self, InputKind::Record | InputKind::ManyRecords)
     }
@@ -136,7 +136,7 @@ pub struct InputDecl {
 pub enum Table {
     /// Flight lines with these columns.
     Lines(TableShape),
-    /// A fitted model with these columns, and the columns of flight lines it must be applied to.
+    /// A fitted model with these columns, and the columns that it requires of a flight line.
     Model {
         /// The columns of the model table.
         shape: TableShape,

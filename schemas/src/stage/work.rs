@@ -2,8 +2,8 @@
 
 use std::ops::ControlFlow;
 
-/// Saved state, progress and interruption of a long computation. A point is identified by its position among those that
-/// are gathered.
+/// Saved state, progress and interruption of a long computation. A point is identified by its position among the
+/// gathered points.
 pub trait CheckpointMonitor: Sync {
     /// The last state that [`CheckpointMonitor::keep`] saved for a point in an interrupted run.
     fn kept(&self, point: usize) -> Option<Vec<u8>>;

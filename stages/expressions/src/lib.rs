@@ -275,14 +275,15 @@ fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     expr.transform_up(one).map(|t| t.data)
 }
 
-/// Maximum nesting depth of `greatest` and `least`, because each level doubles the expression.
+/// Maximum nesting depth of `greatest` and `least`. It is limited because each level doubles the size of the
+/// expression.
 const MOST_EXTREMES: usize = 8;
 
 fn is_extreme(expr: &Expr) -> bool {
     matches!(expr, Expr::ScalarFunction(f) if matches!(f.name(), "greatest" | "least"))
 }
 
-/// Nesting depth of `greatest` and `least`. The expression itself has a limited depth.
+/// Nesting depth of `greatest` and `least`. The recursion is safe because the depth of the expression is limited.
 fn extremes_deep(expr: &Expr) -> usize {
     let mut inside = 0;
     // The visit cannot fail.
@@ -293,8 +294,8 @@ fn extremes_deep(expr: &Expr) -> usize {
     inside + usize::from(is_extreme(expr))
 }
 
-/// The expression in which `greatest` and `least` are missing if an argument is missing. In SQL they ignore missing
-/// arguments, so a missing value clipped to 1 would be 1.
+/// The expression, rewritten so that `greatest` and `least` are missing if an argument is missing. In SQL they ignore
+/// missing arguments, so a missing value clipped to 1 would be 1.
 fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| {
         let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };
