@@ -293,7 +293,7 @@ impl Fit {
 }
 
 impl Fit {
-    /// Note that the errors of the coefficients are not computed, because the fit has too many terms.
+    /// Note about errors of coefficients that are not computed, because the fit has too many terms.
     fn too_wide_for_errors(&self, shape: &TableShape) -> Option<String> {
         let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
         let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();

@@ -24,7 +24,7 @@ pub enum FittedModelForm {
 pub struct FittedModel {
     /// Kind of the model.
     pub body: FittedModelForm,
-    /// Rate at which its terms were differences per sample, in Hz. `None` if the table does not contain the rate.
+    /// Sample rate of the differences among its terms, in Hz. `None` if the table does not contain the rate.
     pub rate_hz: Option<f64>,
 }
 
@@ -206,7 +206,7 @@ fn predict(sources: &ModelInputColumns, body: &FittedModelForm, rows: usize) -> 
 struct CompleteRows {
     /// Required columns of all rows, column by column.
     columns: Vec<Vec<f64>>,
-    /// Numbers of the complete rows.
+    /// Indices of the complete rows.
     numbers: Vec<usize>,
     /// Their values, row-major.
     x: Vec<f64>,

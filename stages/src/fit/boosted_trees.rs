@@ -15,7 +15,7 @@ use crate::trained::{self, LearnedModel, list};
 
 /// Time between two saved states, in seconds.
 const KEPT_EVERY_S: f64 = 1.0;
-/// Ratio of validation loss to training loss above which overfitting is reported.
+/// Overfitting is reported if the validation loss exceeds the training loss by more than this factor.
 const OVERFITS: f64 = 4.0;
 
 model! {

@@ -17,7 +17,7 @@ pub struct FitComponents {
 
 impl FitComponents {
     /// Whitened principal components of standardised features, from the moments and names of the features. `keep` is
-    /// the number of components, or below 1 the fraction of the variance.
+    /// the number of components; a value below 1 is the fraction of the variance that they explain.
     ///
     /// # Errors
     /// Fails in the cases of [`PrincipalComponents::from_moments`].
@@ -36,7 +36,7 @@ impl FitComponents {
     /// Moments of the components, computed from the moments of the features.
     ///
     /// # Errors
-    /// Fails if the number of features differs from the number of features of the components.
+    /// Fails if the number of features differs from the number from which the components were computed.
     pub fn component_moments(&self, features: &RegressionMoments) -> Result<RegressionMoments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)

@@ -86,7 +86,7 @@ mod tests {
     fn law_a_small_penalty_recovers_the_truth_and_a_large_one_gives_zero() {
         let found = fitted("elastic_net", &[number("lambda", 1e-9)]).value;
         // The solver stops at a given duality gap of the objective, so the coefficients have half as many accurate
-        // digits.
+        // digits as the objective.
         assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{found:?}");
         assert_eq!(fitted("elastic_net", &[number("lambda", 1e9), number("l1_ratio", 1.0)]).value[..3], [0.0; 3]);
     }

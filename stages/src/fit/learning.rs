@@ -29,8 +29,7 @@ impl FitAggregator {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
-        // A network with a warm start keeps the rate at which the inputs of the first training were differences per
-        // sample.
+        // A network with a warm start keeps the sample rate of the differences among the inputs of the first training.
         let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = BTreeMap::new();
         for &place in places {
@@ -53,7 +52,7 @@ impl FitAggregator {
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    /// Rate at which the inputs of a point are differences per sample, in Hz.
+    /// Sample rate of the differences among the inputs of a point, in Hz.
     fn rate_of_start(&self, problem: &FitProblem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();

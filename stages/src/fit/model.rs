@@ -144,7 +144,8 @@ pub trait FitModel: Send + Sync {
         Err(Fault::bug("the model is declared as fitted to samples, but has no `learn`"))
     }
 
-    /// Network that is trained instead of calling [`FitModel::learn`].
+    /// Network of a model that is a network; `None` for other models. It is trained instead of calling
+    /// [`FitModel::learn`].
     fn network(&self) -> Option<NetworkModel<'_>> {
         None
     }

@@ -40,7 +40,7 @@ impl FitPoint {
         std::iter::once(&self.target).chain(self.model.with_targets()).cloned().collect()
     }
 
-    /// Ridge parameter, if it is given and not chosen.
+    /// Ridge parameter, if the keys give it and `choose` does not select it.
     pub fn given_ridge(&self) -> Option<f64> {
         let given = self.model.is_ridge() && self.settings.choose == ModelSelection::Given;
         self.model.lambda().filter(|_| given)

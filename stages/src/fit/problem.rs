@@ -20,7 +20,7 @@ use super::{
 };
 use crate::columns::data;
 
-/// Directions whose excitation is below this fraction of the strongest are listed.
+/// Directions are listed if their excitation is below this fraction of the strongest excitation.
 const WEAK: f64 = 1e-4;
 
 /// Range of the total field on earth, in nT.
@@ -35,7 +35,7 @@ pub struct FitProblem<'a> {
     rates: Vec<&'a [TermRate]>,
     /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
-    /// Rate at which terms are differences per sample, in Hz: the rate of the first line.
+    /// Sample rate of the differences among the terms, in Hz: the rate of the first line.
     pub(super) rate_hz: f64,
     /// Flight of each share.
     flights: Vec<String>,
@@ -227,7 +227,8 @@ impl<'a> FitProblem<'a> {
     }
 
     /// The same problem with whitened principal components of the standardised features instead of the features. `keep`
-    /// is the number of components, or below 1 the fraction of the variance. Unchanged without `keep`.
+    /// is the number of components; a value below 1 is the fraction of the variance that they explain. Unchanged
+    /// without `keep`.
     ///
     /// # Errors
     /// Fails if there are no rows, no component is kept, or the decomposition does not converge.
@@ -236,7 +237,7 @@ impl<'a> FitProblem<'a> {
         let components = FitComponents::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
         self.terms = components.names();
         self.merged = components.component_moments(&self.merged)?;
-        // Results from the unfiltered terms refer to the features.
+        // Results from the unfiltered terms refer to the features and not to the components.
         self.unfiltered = None;
         self.components = Some(components);
         Ok(self)
@@ -326,7 +327,7 @@ impl<'a> FitProblem<'a> {
     }
 
     /// Total field and scale of the induced terms, from unfiltered rows. The induced terms add up to the field divided
-    /// by the scale of the terms. `None` if the target is not a total field, and for other terms.
+    /// by the scale of the terms. `None` if the target is not a total field, or the induced terms are missing.
     fn field(&self) -> Option<(f64, f64)> {
         // Without a filter the rows themselves are unfiltered.
         let unfiltered = self.unfiltered.as_ref().unwrap_or(&self.merged);

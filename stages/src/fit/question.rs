@@ -14,7 +14,7 @@ pub struct DesignMatrixKey {
 /// Columns that are fitted together: one, except for partial least squares of several.
 pub type TargetColumns = Vec<String>;
 
-/// Targets of a matrix, and the targets whose rows or errors are also required.
+/// Targets of a matrix, including those whose rows, or whose errors of coefficients, are required.
 #[derive(Default)]
 pub struct FitRequest {
     /// All targets.

@@ -1,8 +1,8 @@
 //! Residual noise of a fit on its own lines, over all frequencies.
 //!
-//! A fit on band-passed data has `residual_std` in its band only, but navigation errors come mostly from lower
-//! frequencies. Therefore, means of the unfiltered rows over about a second are kept, and some steps between
-//! neighbouring samples. The residual of any model is computed from these means and steps.
+//! The `residual_std` of a fit to band-passed data covers only the band, but navigation errors come mostly from lower
+//! frequencies. Each line therefore keeps means of its unfiltered rows over about a second, and some differences
+//! between neighbouring samples (steps). The residual of any model is computed from these means and steps.
 
 use numerics::signal::noise::{BlockMeans, LineNoiseModel, noise};
 

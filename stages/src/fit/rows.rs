@@ -26,7 +26,8 @@ use crate::{
 
 /// Number of unfiltered rows kept per line, evenly spaced. This number suffices to recognise a total field.
 const THINNED: usize = 500;
-/// Maximum number of columns for errors of coefficients, because the cost of cross-spectra grows with the square.
+/// Errors of coefficients are computed for fewer columns than this, because the cost of the cross-spectra grows with
+/// the square of the number of columns.
 pub const MOST_WITH_ERRORS: usize = 96;
 
 /// Dependence of a term on the sample rate, and the rate at which the term was computed, in Hz. `None` if the term does

@@ -74,7 +74,8 @@ pub struct FitSettings {
     pub choose: ModelSelection,
     /// Whether the simplest model within one standard error of the best is selected.
     pub one_standard_error: bool,
-    /// Number of whitened components that replace the features, or below 1 the fraction of the variance.
+    /// Number of whitened components that replace the features; a value below 1 is the fraction of the variance that
+    /// they explain.
     pub whiten: Option<f64>,
 }
 

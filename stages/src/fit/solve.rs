@@ -47,7 +47,7 @@ pub struct FitSolution {
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,
-    /// Standard deviation of the residual of the target; both filtered or both unfiltered.
+    /// Standard deviation of the residual, which is filtered if the target is filtered.
     pub residual_std: f64,
     /// Ridge parameter, number of components or epoch used.
     pub chosen: f64,
@@ -57,7 +57,7 @@ pub struct FitSolution {
     pub approximation_bound_nt: f64,
     /// Lines whose rows were used.
     pub lines: String,
-    /// Rate at which terms are differences per sample, in Hz.
+    /// Sample rate of the differences among the terms, in Hz.
     pub rate_hz: f64,
     /// Warning about the fit.
     pub warning: String,

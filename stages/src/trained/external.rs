@@ -1,4 +1,4 @@
-//! A model whose code is outside of this program, such as a Python function, in a model table.
+//! A model table of a model whose code is outside this program, such as a Python function.
 //!
 //! The program that has the code sets one reader ([`set_external_reader`]). A program without a reader rejects the
 //! table.
@@ -23,7 +23,7 @@ pub trait ExternalModel: fmt::Debug + Send + Sync {
     /// Prediction for rows of [`ExternalModel::columns`], row-major and finite.
     ///
     /// # Errors
-    /// Fails if the code of the model fails, or returns values for other rows.
+    /// Fails if the code of the model fails, or does not return one value per row.
     fn predict(&self, x: &[f64]) -> Result<FieldPrediction, Fault>;
 
     /// The terms of its table.

@@ -1,7 +1,8 @@
 //! A network in a model table: its layout and its prediction.
 //!
-//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that if there are components, N the
-//! network of z and a the unscaled linear terms, the field is `target_mean` + `target_scale` times
+//! The network N has the inputs z = (x - `input_mean`) / `input_scale`, where x are the unscaled inputs. If there are
+//! components, these inputs are multiplied by `component`. The unscaled linear terms are a. The field is the sum of
+//! `target_mean` and `target_scale` times
 //!
 //! | `form` | |
 //! |---|---|

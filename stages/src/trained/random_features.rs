@@ -1,7 +1,7 @@
 //! Random Fourier features in a model table.
 //!
-//! With x the inputs and z = (x - `input_mean`) / `input_scale`, the features are cos(w z)/√k for the k rows w of
-//! `frequency`, then sin(w z)/√k, then `linear` z if `linear` is not 0. With f the features minus `feature_mean`, the
+//! The inputs x are scaled to z = (x - `input_mean`) / `input_scale`. The features are cos(w z)/√k for the k rows w of
+//! `frequency`, then sin(w z)/√k, then `linear` z if `linear` is not 0. If f are the features minus `feature_mean`, the
 //! field is `intercept` + f . `weight`, and its variance is `noise_variance` (1/`rows` + |`factor` f|^2).
 
 use learning::{inputs::InputScaling, random_features::RandomFeatures};

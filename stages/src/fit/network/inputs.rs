@@ -8,7 +8,7 @@ use schemas::Fault;
 use super::{NetworkModel, warm_start::WarmStart};
 use crate::fit::samples::FitSamples;
 
-/// Inputs of a network, which networks with the same keys share.
+/// Inputs of a network. Networks with the same keys share them.
 pub struct NetworkInputs {
     /// Positions of the inputs among the features.
     pub at: Vec<usize>,

@@ -18,11 +18,12 @@ pub struct NetworkModel<'a> {
     pub linear: Option<&'a LinearPart>,
     /// Whether all features are linear terms by default.
     pub all_features: bool,
-    /// Weight of the distance from the linear model in the loss.
+    /// Weight of the term of the loss function that penalises deviations from the linear model.
     pub physics: f64,
     /// Vector form of the linear model. `None` for models other than `m3tl` to `m3tf`.
     pub vector: Option<&'a VectorModelKeys>,
-    /// Training in the phases of a curriculum, with the number of standard deviations of the first phases.
+    /// Limit for the samples of the first phases of a curriculum, in standard deviations of the ridge fit's error.
+    /// `None` for training without a curriculum.
     pub curriculum: Option<f64>,
     /// Layers over a window of samples before the network. `None` for a network of single samples.
     pub window: Option<WindowLayers>,

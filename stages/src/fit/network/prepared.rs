@@ -23,7 +23,7 @@ use crate::{
     trained::{self, LearnedModel, TermValue, list},
 };
 
-/// Ratio of validation loss to training loss above which overfitting is reported.
+/// Overfitting is reported if the validation loss exceeds the training loss by more than this factor.
 const OVERFITS: f64 = 4.0;
 
 /// Network of one point of a sweep, to be trained.
@@ -89,8 +89,8 @@ pub struct TrainingSetup<'a> {
     pub core: NetworkCore,
     /// Initial parameters of each member.
     pub members: Vec<Vec<f64>>,
-    /// Coefficients of the linear model in the scale of the target: of the scaled terms, or of the original terms for a
-    /// vector form.
+    /// Coefficients of the linear model in the scale of the target. They apply to the scaled terms or, for a vector
+    /// form, to the original terms.
     pub linear: Vec<f64>,
     /// Training rows.
     pub rows: ScaledRows<'a>,

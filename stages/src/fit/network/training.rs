@@ -110,7 +110,7 @@ struct MemberTraining<'a> {
     training: NetworkTraining,
     /// Current state.
     state: TrainingState,
-    /// First epoch of this run, and its start time.
+    /// First epoch of this run, and the start time of the run.
     from: (usize, Instant),
     /// Time of the last saved state.
     kept: Option<Instant>,

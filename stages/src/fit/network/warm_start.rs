@@ -12,8 +12,8 @@ use crate::{
     trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
-/// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations of
-/// the first training.
+/// A warning names the inputs whose root mean square distance from the mean of the first training exceeds this number
+/// of standard deviations of the first training.
 const FAR: f64 = 10.0;
 /// Maximum number of names listed in a fault.
 const NAMED: usize = 6;
@@ -26,7 +26,7 @@ pub struct WarmStart<'a> {
 }
 
 impl<'a> WarmStart<'a> {
-    /// Warm start from a model, for a network of a form.
+    /// Warm start from a model, for a network of the form `form`.
     ///
     /// # Errors
     /// Fails if the model is not a network, or has another form.
@@ -42,7 +42,7 @@ impl<'a> WarmStart<'a> {
         Err(start.fault(&format!("has `model` {}, but this fit has {}", start.head().form.word(), form.word())))
     }
 
-    /// Checks that the vector form of the initial network is that of this fit.
+    /// Checks that the initial network has the vector form of this fit.
     ///
     /// # Errors
     /// Fails if the coupling, or the scale of the terms, differs.
