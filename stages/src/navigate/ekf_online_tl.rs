@@ -150,7 +150,7 @@ impl NavigationFilter for EkfOnlineTl {
     }
 }
 
-/// Bias of a vector magnetometer, with the field and terms that the bias depends on.
+/// Bias of a vector magnetometer, with the data from which it is estimated: the measured field and the terms.
 struct VectorMagnetometerBias<'a> {
     field: BodyFieldColumns<'a>,
     terms: TermSelection,
@@ -209,7 +209,8 @@ mod tests {
 
     #[test]
     fn unit_a_bias_of_the_vector_magnetometer_is_removed() {
-        // 400 nT along the nose turn the direction by half a degree and change the terms: 0.3 nT of 40.
+        // A bias of 400 nT along the nose turns the direction by half a degree, which changes the aircraft field of 40
+        // nT by 0.3 nT.
         let keys = "mag = 'mag_1_uc'\nvector = 'flux_d'\nflux_bias_sigma_nt = 300.0\nwalk_per_hour = 0.0";
         let found = run("ekf_online_tl", keys);
         assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));

@@ -103,8 +103,8 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
-    /// Whether the initial position need not be known to within the distance over which the map is linear. Other
-    /// filters with a map linearise it from the first sample on; their tables have the columns
+    /// Whether the filter accepts an initial position error larger than the distance over which the map is linear.
+    /// Other filters with a map linearise it from the first sample on; their tables have the columns
     /// [`START_COLUMNS`](super::START_COLUMNS).
     fn takes_wide_start(&self) -> bool {
         false

@@ -24,8 +24,8 @@ use crate::columns::{array, data};
 filter! {
     /// A smoother over sliding windows that also estimates the aircraft field. Its states are the 18 states of `ekf`,
     /// the coefficients for the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. The smoother
-    /// can start with an uncompensated magnetometer and without a calibration. While the INS is accurate to metres, at
-    /// the start of the line, the map determines the coefficients.
+    /// can start with an uncompensated magnetometer and without a calibration. At the start of the line, while the INS
+    /// is accurate to metres, the map determines the coefficients.
     ///
     /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. Each window passes
     /// the filtered covariance of INS states and coefficients to the next window. Between the end of one window and the

@@ -142,8 +142,8 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
     }
 }
 
-/// Filter input of one point and its map. The map is `own`, at the heights of the line. If the line has a height bias,
-/// it is `around`, continued below and above these heights.
+/// Filter input of one point and its map. The map is `own`, at the heights of the line or, if the line has a height
+/// bias, `around`, which is continued below and above these heights.
 fn flown_on<'a>(
     point: LinePoint<'a, Navigate>,
     ins: &'a InsColumns,
@@ -153,7 +153,7 @@ fn flown_on<'a>(
 ) -> Result<(FilterInput<'a>, Option<&'a NavigationMap>), Fault> {
     let exact = flown(point, ins, begin, own, (cores, found))?;
     let Some((tuned, around)) = exact.tuned.as_ref().zip(around) else { return Ok((exact, own)) };
-    // The levels of the line's own heights need not contain its bias.
+    // The levels of `own` do not always contain the heights that a height bias gives.
     let has_bias = exact.map_height_sigma_m.is_some();
     if has_bias || tuned.may_be_biased(&exact, around)? {
         let biased = flown(point, ins, begin, Some(around), (cores, found))?;

@@ -110,9 +110,10 @@ params! {
         absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise infinite: a change that is \
             constant along the line",
         rule Rule::Positive;
-    /// Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at which a sample corrects
-    /// the position. At a larger ratio, the map is too flat to observe the position. The sample is then `flat`: it
-    /// corrects only the temporal variation and the map error. The column `map_slope` is appended.
+    /// A sample corrects the position only if the ratio of its measurement noise (standard deviation) to the map's
+    /// horizontal slope is at most this value. At a larger ratio, the map is too flat to observe the position. The
+    /// sample is then `flat`: it corrects only the temporal variation and the map error. The column `map_slope` is
+    /// appended.
     flat_over_m: Option<f64>, unit "m", absent "all samples correct the position", rule Rule::Positive;
 }
 

@@ -9,7 +9,7 @@ choice! {
     /// Directions in which the signal of an optically pumped magnetometer vanishes.
     #[derive(Default)]
     pub enum DeadZones {
-        /// No direction, or an unknown direction.
+        /// No dead zone, or unknown dead zones.
         #[default]
         None = "none",
         /// Along the axis of the sensor: the amplitude is proportional to |sin θ|.
@@ -20,7 +20,7 @@ choice! {
     }
 }
 
-/// Fraction of the largest amplitude below which a sensor has no reading.
+/// A sensor has no reading if its amplitude is below this fraction of the largest amplitude.
 const LEAST_AMPLITUDE: f64 = 0.1;
 
 params! {

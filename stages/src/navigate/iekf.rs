@@ -25,7 +25,7 @@ filter! {
     Iekf = "iekf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "iterations = 5";
     /// Maximum number of linearisations of the map per sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
-    /// Position change per iteration below which the iteration ends.
+    /// The iteration ends when the position changes by less than this distance.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;

@@ -20,7 +20,7 @@ use crate::columns::data;
 /// Time between two measurements used to estimate the noise, in seconds. Errors with a shorter correlation time are
 /// white.
 pub(super) const INTERVAL_S: f64 = 5.0;
-/// Smallest ratio of the rms error of a map's nodes to the white noise for which the map error is used.
+/// The error of a map is used if its rms over the nodes, divided by the white noise, exceeds this value.
 const LEAST_MAP_ERROR: f64 = 0.2;
 /// Time between two measurements of a filter if their innovations are white, in seconds.
 const SHORT_INTERVAL_S: f64 = 1.0;
@@ -34,8 +34,8 @@ pub(super) struct LineNoiseInputs {
     offset_window_s: f64,
     start: Vec<u64>,
     values: Vec<u64>,
-    /// Hash of the terms of the aircraft field, of their prior and of their random walk. Terms are many times as large
-    /// as the measurements.
+    /// Hash of the terms of the aircraft field, of their prior and of their random walk. Only the hash is kept, because
+    /// the terms occupy many times as much memory as the measurements.
     aircraft: Option<HashKey>,
 }
 
@@ -147,8 +147,8 @@ impl LineNoiseEstimate {
         Ok(Self { start, noise, rows, map_nt })
     }
 
-    /// The estimate with measurements at a shorter interval, if their innovations are white. The coefficients of the
-    /// aircraft field need no further measurements.
+    /// The estimate with measurements at a shorter interval, if their innovations are white. An estimate with
+    /// coefficients of the aircraft field is returned unchanged.
     fn with_more_measurements(
         mut self,
         flown: &FilterInput,

@@ -47,8 +47,8 @@ filter! {
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Effective number of particles, as a fraction of their number, below which the particles are resampled. 0.5 is
-    /// usual; a larger value (0.8 in MagNav.jl) resamples more often and only adds noise.
+    /// The particles are resampled when their effective number falls below this fraction of their number. 0.5 is usual;
+    /// a larger value (0.8 in MagNav.jl) resamples more often and only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without the
     /// kernel density only copies of a few particles remain. The covariance is then far too small.

@@ -153,8 +153,8 @@ mod tests {
             [found.numbers("start_sigma")[0], found.numbers("start_sigma_limit")[0]]
         };
         let [sigma, limit] = of("ekf", "");
-        // The map is a sum of waves with lengths of 2.7 and 3.1 km. A third of the linear change over r is reached by
-        // the linearisation error at a twentieth of a wavelength.
+        // The map is a sum of waves with lengths of 2.7 and 3.1 km. At a distance of a twentieth of a wavelength, the
+        // linearisation error reaches a third of the linear change.
         assert!((sigma - 20.0).abs() < 0.1 && (80.0..300.0).contains(&limit), "{sigma} {limit}");
         for filter in ["iekf", "ukf", "ekf_adaptive", "rts"] {
             let [wide, same] = of(filter, "init_position_sigma_m = 600.0");

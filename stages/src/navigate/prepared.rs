@@ -46,11 +46,11 @@ struct MapHeightLevels {
     own_m: f64,
     /// Length of a cell of the map, in metres.
     cell_m: f64,
-    /// Distance below and above a line that a height bias may take, in metres.
+    /// Largest height bias in either direction for which the map is continued, in metres.
     reach_m: f64,
 }
 
-/// Height difference from the map's own height, in cells, below which the map is not continued.
+/// The map is not continued to a height that differs from the map's own height by less than this number of cells.
 const SAME_HEIGHT: f64 = 0.05;
 /// Vertical distance between two levels, in cells of the map.
 const SPACING: f64 = 0.25;

@@ -92,7 +92,7 @@ filter! {
     /// this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "the larger of 18 m and 1.6 times the distance between samples", rule Rule::Positive;
-    /// Number of earlier samples within `trigger_radius_m` above which a sample is a revisit.
+    /// A sample is a revisit if more than this number of earlier samples lie within `trigger_radius_m`.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
@@ -102,7 +102,7 @@ filter! {
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of an inverse-distance-weighted prediction.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
-    /// Effective number of particles, as a fraction of their number, below which the particles are resampled.
+    /// The particles are resampled when their effective number falls below this fraction of their number.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",

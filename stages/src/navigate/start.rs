@@ -26,12 +26,12 @@ choice! {
         /// has the column `ins_aligned`. Otherwise `fix` if the flight has `lat`, `lon` and `alt`. Other flights are
         /// rejected.
         Auto = "auto",
-        /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
-        /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, the alignment
-        /// is assumed at the fix or one hour before it, whichever gives the larger likelihood of the innovations. If no
-        /// likelihood is computed, it is one hour before the fix.
+        /// A position and velocity fix corrects the INS at the first sample of the line. The uncertainty of the tilts
+        /// and biases of the INS has grown since the alignment, whose time is in the column `ins_aligned`. Without this
+        /// column, the alignment is assumed at the fix or one hour before it, whichever gives the larger likelihood of
+        /// the innovations. If no likelihood is computed, the alignment is assumed one hour before the fix.
         Fix = "fix",
-        /// The initial standard deviations apply at the time of alignment, from the column `ins_aligned`. Their
+        /// The initial standard deviations apply at the time of alignment, which is in the column `ins_aligned`. Their
         /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
         /// The initial standard deviations apply at the first sample of the line.
@@ -170,8 +170,8 @@ impl Navigate {
         self.start.fix_velocity.clone().or(usual)
     }
 
-    /// Whether the error sources of the INS are those of the flight's column [`INS_GRADE`]: no key of the INS is set,
-    /// and the initial standard deviations hold at the alignment.
+    /// Whether the error sources of the INS come from the flight's column [`INS_GRADE`]. They do if no key of the INS
+    /// is set and the initial standard deviations apply at the alignment.
     pub(super) fn takes_grade(&self, shape: &TableShape) -> bool {
         let start = self.start_from(shape);
         let at_alignment = matches!(start, Ok(StartSource::Alignment | StartSource::Fix));

@@ -13,12 +13,12 @@ use crate::columns::{array, list};
 pub(super) const ROWS: usize = 600;
 const M_PER_DEG: f64 = 111_130.0;
 
-/// The field of the map, in nT, at metres north and east of 45° N, 75° W: hills of a few kilometres.
+/// The field of the map, in nT, at a position in metres north and east of 45° N, 75° W: hills of a few kilometres.
 fn hills(north: f64, east: f64) -> f64 {
     hills_above(north, east, 0.0)
 }
 
-/// That field at metres above the map. Each harmonic decays with its wave number.
+/// The same field at a height above the map, in metres. Each harmonic decays with its wave number.
 fn hills_above(north: f64, east: f64, up: f64) -> f64 {
     let decay = |k: f64| (-k * up).exp();
     60.0 * decay(1.0 / 500.0) * (north / 500.0).sin()
@@ -166,7 +166,7 @@ impl NavigateOutput {
 
 /// The stage with a filter, its keys written as in a spec.
 fn args(filter: &str, keys: &str) -> SpecEntries {
-    // Properties of the flight: an INS with large errors, and a field without the core field.
+    // Keys that match the flight: an INS with large errors, and a measured field without the core field.
     let usual = format!(
         "filter = '{filter}'\ntuning = 'magnav'\ncore_field = false\nmeasurement_sigma_nt = 1.5\nfogm_sigma_nt = 1.0\n\
          init_position_sigma_m = 20.0\ninit_velocity_sigma_mps = 0.3\n"

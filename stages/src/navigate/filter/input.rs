@@ -51,7 +51,8 @@ pub struct FilterInput<'a> {
     pub field_nt: Option<[&'a [f64]; 3]>,
     /// Cosine of the angle between the axis of the scalar sensor and the field; NaN if unknown.
     pub cosines: Option<Vec<f64>>,
-    /// Factor on the standard deviation of each measurement for the attitude; NaN makes the measurement missing.
+    /// Factor by which the attitude increases the standard deviation of each measurement; NaN makes the measurement
+    /// missing.
     pub noise_factors: Option<Vec<f64>>,
     /// Standard deviation of the additional error of each measurement, in nT; NaN makes the measurement missing.
     pub sample_sigma_nt: Option<Vec<f64>>,
