@@ -49,8 +49,8 @@ pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
         .map_err(|e| data(e).in_column("tt").help("add a `resample` stage before this one"))
 }
 
-/// Rate at which the entries of a list column are differences per sample, in Hz. It is `rate_hz` of the column's
-/// metadata, or the sample rate of the line.
+/// Sample rate of the differences in a list column, in Hz. It is `rate_hz` of the column's metadata, or otherwise the
+/// sample rate of the line.
 ///
 /// # Errors
 /// Fails if the metadata have no `rate_hz` and the samples are not evenly spaced.

@@ -41,7 +41,7 @@ stage! {
     /// variation.
     ///
     /// A model fitted to band-passed data does not determine the constant part of the aircraft field. With `detrend`,
-    /// the mean of the prediction over the line is not subtracted, as in MagNav.jl's examples. A nonlinear model
+    /// as in MagNav.jl's examples, the prediction is subtracted without its mean over the line. A nonlinear model
     /// predicts the constant part if its target includes that part.
     ///
     /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated from the residual of

@@ -15,7 +15,8 @@ fn all_had(shape: &TableShape, readings: &[String], correction: MagneticCorrecti
     each.all(|other| other == first).then_some(first)
 }
 
-/// Whether a stage corrects its readings: `given`; if unset, `default`, unless the correction has already been applied.
+/// Whether a stage corrects its readings: `given` if set, otherwise `default`, provided that no reading has already had
+/// the correction.
 pub fn corrects(
     shape: &TableShape,
     readings: &[String],
@@ -56,7 +57,7 @@ pub fn twice(
     Some(Fault::new(what).help(help).of_param(param))
 }
 
-/// Note that a default correction is skipped because it has already been applied to the readings.
+/// Note about a default correction that is skipped, because it has already been applied to the readings.
 pub fn note(
     shape: &TableShape,
     readings: &[String],

@@ -68,7 +68,8 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
 }
 
-/// Offset of the times of `other` to the midnight of `first`, in seconds. 0 if one table has no date.
+/// Offset, in seconds, that converts times of `other` to seconds past the midnight of `first`. 0 if either table has no
+/// date.
 ///
 /// # Errors
 /// Returns the errors of [`first_midnight`].
@@ -79,7 +80,7 @@ pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> 
     })
 }
 
-/// Columns of a date that a table has.
+/// Date columns that a table has.
 pub fn date_columns(shape: &TableShape) -> &'static [&'static str] {
     if dated_by_flight(shape) { &["year", "doy"] } else { &[] }
 }

@@ -138,7 +138,7 @@ impl FeatureDefinition {
         }
     }
 
-    /// Rate law of a name that depends on the sample rate.
+    /// Dependence of a feature on the sample rate; `None` without such a dependence.
     fn law(&self, name: &str) -> Option<RateLaw> {
         match self {
             FeatureDefinition::Difference(_, DifferenceScheme::Fourth) => Some(RateLaw::Difference(4)),
@@ -149,7 +149,7 @@ impl FeatureDefinition {
             FeatureDefinition::TollesLawson(_) | FeatureDefinition::Core(_) => {
                 name.ends_with("_dot").then_some(RateLaw::Difference(1))
             }
-            // A recorded column has the same meaning at any rate, even if its name ends like that of a derivative.
+            // A recorded column has the same meaning at any rate, even if its name has the ending of a derivative.
             FeatureDefinition::Plain(_)
             | FeatureDefinition::Between(..)
             | FeatureDefinition::LowPass(_)

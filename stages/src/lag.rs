@@ -257,7 +257,7 @@ mod tests {
         let (lags, product) = found(&lag(&["mag_2_uc"]), &[delayed_line(0.06, 0.0), delayed_line(-0.215, 0.0)]);
         assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
         assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
-        // Number of overlapping pairs at the nearest whole samples, 1 and 4.
+        // Number of overlapping pairs at lags of 1 and 4 samples, the whole numbers nearest to the two lags.
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
         assert!(product.warnings.is_empty());
         // A trend flattens the peak; a band-pass removes the trend.

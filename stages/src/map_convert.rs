@@ -49,7 +49,7 @@ trim    = true
 /// Four coordinates as west, south, east and north.
 ///
 /// # Errors
-/// Fails if there are not four coordinates, or west or south is not below east or north.
+/// Fails unless there are four coordinates, west is below east, and south is below north.
 pub fn bounds_of(bounds: &[f64]) -> Result<[f64; 4], Fault> {
     match *bounds {
         [west, south, east, north] if west < east && south < north => Ok([west, south, east, north]),

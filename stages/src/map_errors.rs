@@ -43,7 +43,7 @@ struct NodeError {
     map: FieldMap,
     /// Root mean square over all nodes, in nT.
     rms_nt: f64,
-    /// Height of the error, in metres, if it decreases with the height.
+    /// Height at which the error has these values, in metres; `None` if the error is assumed equal at all heights.
     level_m: Option<f64>,
 }
 
@@ -141,8 +141,8 @@ impl MapErrors {
         Ok(Some(error_nt))
     }
 
-    /// White noise, in nT per sample, equivalent to the error between nodes, which is correlated over a cell, at
-    /// samples `step_m` apart.
+    /// White noise, in nT per sample, that is equivalent to the error between nodes at samples `step_m` apart. This
+    /// error is correlated over a cell.
     pub fn of_interpolation_nt(&self, step_m: f64) -> f64 {
         self.bilinear.map_or(0.0, |(error_nt, cell_m)| error_nt * (cell_m / step_m.min(cell_m)).sqrt())
     }
@@ -160,9 +160,8 @@ impl MapErrors {
     }
 }
 
-/// Error of each level, in nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it
-/// is
-/// 0. The unknown field beyond the edges of the map is ignored.
+/// Error of each level, in nT. Below the map it is the amplified noise and the field that damping removes; it is zero
+/// elsewhere. The unknown field beyond the edges of the map is ignored.
 fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
     let error_nt = |level_m: f64| match own_m - level_m {
         down if down > 0.0 => power.downward_error_nt(down, MAGNAV_ALPHA_M2, noise_nt),

@@ -71,7 +71,7 @@ method = "minimum_curvature"
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
     /// Power in the weights 1/distance^`power` of the nodes in the mean.
     power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
-    /// Distance from the nearest known node beyond which nodes remain unknown.
+    /// Nodes farther than this distance from the nearest known node remain unknown.
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
     /// Width of the transition between two maps at their common edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
@@ -292,7 +292,7 @@ mod tests {
     fn law_minimum_curvature_fills_small_gaps_best() {
         let curvature = worst(&fill(GapFillMethod::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
         let harmonic = worst(&fill(GapFillMethod::Harmonic).apply(&holed(), &[]).unwrap().map);
-        // The gap contains a fifth of a wavelength of the field of 100 nT.
+        // The gap spans a fifth of a wavelength, and the field has an amplitude of 100 nT.
         assert!(curvature < 8.0 && curvature < harmonic, "{curvature} {harmonic}");
         let near = MapFill { within_m: Some(100.0), ..fill(GapFillMethod::Knn) }.apply(&holed(), &[]).unwrap();
         assert!(near.map.anomaly_nt[21 * NODES + 25].is_nan() && !near.map.anomaly_nt[20 * NODES + 24].is_nan());

@@ -112,7 +112,7 @@ level_m   = 300.0
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m",
         absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
-    /// Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
+    /// Nodes farther than this distance from the nearest point are unknown. `inf` sets no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
     /// Keeps outliers along a line, and points far from all others.
     keep_outliers: bool, unit "", default false;

@@ -18,8 +18,8 @@ use crate::{
     made_map::{grids, made, whole_map, without_gaps},
 };
 
-/// Angle between the core field at the middle and at a corner of the map above which the map is too large for one
-/// direction, in degrees.
+/// Limit of the angle, in degrees, between the core field at the middle of the map and at a corner. Above it, the map
+/// is too large for one direction.
 const WIDEST_DEG: f64 = 2.0;
 
 stage! {

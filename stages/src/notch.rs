@@ -11,11 +11,11 @@ use crate::{
 stage! {
     /// Removes a sinusoid and its harmonics, such as power-line interference, without lag, and appends `<column>_nt`.
     ///
-    /// A harmonic above the Nyquist frequency is removed at its alias: at 10 Hz, for example, for 150 Hz sampled at 160
-    /// Hz. If the data were resampled without a filter, set `sampled_hz` to the sensor's own rate. The harmonic is then
-    /// aliased twice: at the sensor's rate, and again at the rate of the line. Any signal within the notch width is
-    /// also removed. The stage fails if an alias is less than half a notch width from 0 Hz or from the Nyquist
-    /// frequency. Remove such a harmonic before resampling to a lower rate.
+    /// A harmonic above the Nyquist frequency is removed at its alias. For example, a harmonic of 150 Hz that is
+    /// sampled at 160 Hz is removed at 10 Hz. If the data were resampled without a filter, set `sampled_hz` to the
+    /// sensor's own rate. The harmonic is then aliased twice: at the sensor's rate, and again at the rate of the line.
+    /// Any signal within the notch width is also removed. The stage fails if an alias is less than half a notch width
+    /// from 0 Hz or from the Nyquist frequency. Remove such a harmonic before resampling to a lower rate.
     ///
     /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/`width_hz` seconds, so
     /// part of the sinusoid remains for this time at each end of a run. Angles are filtered along the shorter arc.

@@ -46,7 +46,7 @@ use crate::columns::{faults_of, floats, shape};
 pub const NOTE: &str = "note";
 /// Column with the quantiles of the samples, from which radii are pooled over lines.
 pub const SPREAD: &str = "spread";
-/// The column of a published table of scores that holds whether the line is in sample.
+/// Column in a published table of scores, which states whether the line is in sample.
 pub const IN_SAMPLE: &str = "in_sample";
 
 /// Meaning of that column in a table of pooled scores.

@@ -68,7 +68,7 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
 /// Metrics from which the overfitting ratio is computed; the first available metric is used.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
-/// Metrics that are scored over all lines only.
+/// Metrics that exist only for all lines together, not for a single line.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",

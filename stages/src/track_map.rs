@@ -276,8 +276,8 @@ impl TrackMap {
     }
 }
 
-/// Map of the measurements within the bounds and up to three lengths beyond them, because those affect the map. The
-/// length is fitted to all measurements.
+/// Map of the measurements within the bounds and up to three kernel lengths beyond them, because measurements at that
+/// distance still affect the map. The length is fitted to all measurements.
 fn within(
     parameters: &TrackMapParameters,
     mut samples: Vec<TrackSample>,

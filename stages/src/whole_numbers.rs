@@ -7,7 +7,7 @@ use schemas::{Column, Role};
 
 /// Maximum number of distinct values of a code: the number of values of one byte.
 const MOST_CODES: usize = 256;
-/// Number of distinct values up to which a column holds codes even if no value recurs, as on a short line.
+/// A column with at most this number of distinct values holds codes even if no value recurs, as on a short line.
 const FEW_CODES: usize = 16;
 
 /// Interpolation rule of a column between two samples.
@@ -26,8 +26,8 @@ enum ColumnInterpolation {
 /// The values `x` of a column on the grid of `plan`; NaN in gaps.
 ///
 /// A column with a unit, or with the role sensor or truth, is measured. Any other column with whole finite values stays
-/// whole. It holds codes if its values recur: at most half as many distinct values as samples, within [`FEW_CODES`] to
-/// [`MOST_CODES`]. Otherwise it holds counts.
+/// whole. It holds codes if its values recur: the number of distinct values is at most half the number of samples,
+/// where this limit is at least [`FEW_CODES`] and at most [`MOST_CODES`]. Otherwise it holds counts.
 ///
 /// # Errors
 /// Fails if the column and the times of the plan have different lengths.

@@ -69,7 +69,8 @@ impl FeatureSamples<'_> {
         even_rate_hz(self.tt)
     }
 
-    /// Applies `of` to each run without gaps. The result is NaN outside the runs, and where `of` returns `None`.
+    /// Applies `of` to each gap-free run. The result is NaN outside the runs, and in runs for which `of` returns
+    /// `None`.
     fn in_runs(&self, x: &[f64], of: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Result<Vec<f64>, Fault> {
         let mut out = vec![f64::NAN; x.len()];
         for run in RowMask::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {

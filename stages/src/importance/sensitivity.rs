@@ -24,7 +24,7 @@ impl Importance {
         let found = morris(&|x: &[f64]| fitted.field_nt(x), &self.ranges(rows), groups, &design);
         let one = |(of, group): (&ElementaryEffects, &Vec<usize>)| GroupImportance {
             value: of.mean_absolute(),
-            // Columns that move together have no common sign.
+            // The effect of a group of several columns has no sign.
             spread: if group.len() == 1 { of.deviation() } else { f64::NAN },
             error: of.error(),
             n: of.effects.len(),

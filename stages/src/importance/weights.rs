@@ -41,7 +41,7 @@ pub struct LineImportance {
     pub weights: Vec<GroupImportance>,
     /// Values of single samples, if they are explained.
     pub samples: Option<SampleAttributions>,
-    /// Intervals of 95 % of the values, if they are bootstrapped.
+    /// 95 % bootstrap interval of each value, if the method has one.
     pub intervals: Option<Vec<[f64; 2]>>,
 }
 
@@ -124,7 +124,7 @@ impl Importance {
     /// Groups of entries: the named groups, then every other entry as a separate group.
     ///
     /// # Errors
-    /// Fails if a group has no entry, or shares one with another.
+    /// Fails if a group has no entry, or shares an entry with another group.
     pub fn grouped(&self, columns: &[String]) -> Result<(Vec<String>, Vec<Vec<usize>>), Fault> {
         let mut left: Vec<bool> = vec![true; columns.len()];
         let (mut names, mut groups) = (vec![], vec![]);
@@ -342,7 +342,7 @@ fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
     (statistics::mean(x).value, statistics::std(x).value)
 }
 
-/// Fault of a model that fails, or of the rows or settings. `param` is the parameter that it is reported for.
+/// Fault of a model that fails, or of the rows or settings. `param` is the parameter for which the fault is reported.
 pub(super) fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
     match (e, param) {
         (ImportanceError::Model(fault), _) => fault,

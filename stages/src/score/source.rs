@@ -14,7 +14,7 @@ pub enum ScoreSource {
     Aircraft,
     /// True signal, named by `truth`.
     Truth,
-    /// Error of a track's map due to its height.
+    /// Error of the map of a track, due to the difference between the heights of map and line.
     MapHeight,
     /// The core field.
     Core,

@@ -7,17 +7,19 @@
 //!
 //! - Position errors are correlated over minutes, so a line holds few independent samples, at worst a single one.
 //!   NEES/2 of a single sample is exponentially distributed. It exceeds ten times its expected value with probability
-//!   e⁻¹⁰ (once in 22,000 lines), and is below a tenth with 1 − e⁻⁰·¹ (10 %); with three independent samples, with 0.4
-//!   %. A mean beyond a factor of ten therefore shows an inconsistent filter; it is hardly ever due to chance.
+//!   e⁻¹⁰ (once in 22,000 lines). It is below a tenth of its expected value with probability 1 − e⁻⁰·¹ (10 %), or 0.4 %
+//!   for the mean of three independent samples. A mean beyond a factor of ten therefore shows an inconsistent filter;
+//!   it is hardly ever due to chance.
 //! - Innovations are correlated over seconds. A line thus has dozens of independent samples, and chance stays within a
-//!   factor of two. The factor of four matters in practice: the predicted sigma is half or twice its correct value.
+//!   factor of two. The limit is a factor of four, which matters in practice: the predicted sigma is then half or twice
+//!   its correct value.
 //!
 //! Limit of `whiteness`: four or fewer of 20 lags are outside their band with probability 0.997.
 //!
 //! Limit of `correlated_nis`: if the assumed noise is increased to account for the correlation, the value is 1,
 //! although the correlation remains. On 45 lines of nine simulated flights with estimated noise, correlated innovations
-//! and a median NEES of 1.9, the statistic is 0.76 to 1.40; with a magnetometer 0.6 s late 2.2 to 2.9, and on a map of
-//! sparse lines without its error above 200.
+//! and a median NEES of 1.9, the statistic is 0.76 to 1.40. With a magnetometer that lags by 0.6 s it is 2.2 to 2.9. On
+//! a map made from sparse lines, used without its error, it is above 200.
 
 use arrow_array::Array;
 use numerics::regression::{
