@@ -222,7 +222,7 @@ fn numbers(array: &ArrayRef, factor: f64) -> ArrayRef {
     )
 }
 
-/// Readings of exactly 0 as missing.
+/// Readings, with NaN instead of exactly 0.
 fn without_zeros(array: &ArrayRef) -> ArrayRef {
     let array = array.as_primitive::<arrow_array::types::Float64Type>();
     let kept: Float64Array = array.values().iter().map(|x| if *x == 0.0 { f64::NAN } else { *x }).collect();

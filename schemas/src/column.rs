@@ -61,7 +61,7 @@ pub fn field(name: &str, data_type: DataType, unit: &str, role: Role, descriptio
     Field::new(name, data_type, true).with_metadata(metadata)
 }
 
-/// The type of a column's values, as stages distinguish them.
+/// The type of a column's values, as far as stages distinguish types.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColumnType {
     /// Float64; NaN means missing.

@@ -5,7 +5,7 @@
 //! system.
 //!
 //! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]). One table
-//! can then hold maps in several systems, such as those of the points of a sweep.
+//! can then hold maps in several systems, such as the maps that a sweep makes at its points.
 
 use arrow_schema::{DataType, Field, Schema};
 
@@ -37,7 +37,8 @@ pub const COLUMNS: [(&str, ColumnDescription); 4] = [
     ),
 ];
 
-/// The column of a map with the standard deviation of the error of each node, in nT, if the source of the map gives it.
+/// Column of a map with the standard deviation of each node's error, in nT. A map has this column if its source gives
+/// the errors.
 pub const ERROR: &str = "error";
 
 /// The quantity [`ERROR`] as a column.
@@ -64,10 +65,10 @@ pub const MADE_COLUMNS: [&str; 7] = ["lat", "lon", "alt", "anomaly", "easting", 
 /// The unit of the anomaly.
 pub const ANOMALY_UNIT: &str = "nT";
 
-/// The columns of a map that a stage yields, row by row from the south, each row from west to east: [`COLUMNS`], then
-/// the node on the native grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both are null
-/// for a map in latitude and longitude. `unit` is the unit of the column `anomaly`; it differs from nT for a
-/// derivative.
+/// The columns of a map that a stage yields: [`COLUMNS`], then the node on the native grid. Nodes are listed in rows
+/// from south to north, each row from west to east. `easting` and `northing` are in the unit of the coordinate system
+/// `epsg`; both are null for a map in latitude and longitude. `unit` is the unit of the column `anomaly`; it differs
+/// from nT for a derivative.
 pub fn made_columns(unit: &str) -> Vec<Column> {
     let mut columns: Vec<Column> = shape().columns.iter().cloned().collect();
     for column in columns.iter_mut().filter(|c| c.name == "anomaly") {

@@ -74,9 +74,9 @@ pub enum MetricLimit {
 /// Pooling rule over lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PoolingRule {
-    /// Root mean square weighted by samples, for errors.
+    /// Root mean square weighted by the number of samples, for errors.
     Rms,
-    /// Mean weighted by samples, for ratios, rates and signed means.
+    /// Mean weighted by the number of samples, for ratios, rates and signed means.
     Mean,
     /// Sum, for numbers of samples.
     Sum,
@@ -108,7 +108,7 @@ impl From<(f64, f64)> for WeightedScore<'_> {
 /// Maximum number of values of a [`spread`].
 pub const SPREAD: usize = 100;
 
-/// The minimum number of samples that a value of a [`spread`] represents, so that it discloses no single sample.
+/// The minimum number of samples that a value of a [`spread`] represents, so that no value discloses a single sample.
 pub const SHARE: usize = 10;
 
 /// Quantiles that represent sorted samples: the middles of at most [`SPREAD`] equal groups, each of at least [`SHARE`]
@@ -124,7 +124,7 @@ pub fn spread(sorted: &[f64]) -> Vec<f64> {
     (0..shares).map(middle).collect()
 }
 
-/// Linear interpolation between the values at the two whole numbers around `at`.
+/// Linear interpolation between the values at the two ranks around `at`.
 fn between(at: f64, value: impl Fn(usize) -> f64) -> f64 {
     let below = value(at.floor() as usize);
     below + (at - at.floor()) * (value(at.ceil() as usize) - below)

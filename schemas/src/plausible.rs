@@ -159,8 +159,8 @@ const CRUST: PlausibleRange = PlausibleRange {
     outlier: OutlierTreatment::Fault,
 };
 
-/// Limits of the values of a map or a survey, in nT: those of a total field if most values are total fields, otherwise
-/// those of an anomaly.
+/// Limits of the values of a map or a survey, in nT: the limits of a total field if most values are total fields,
+/// otherwise the limits of an anomaly.
 pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
     let (mut known, mut total) = (0_usize, 0_usize);
     for x in values.filter(|x| !x.is_nan()) {

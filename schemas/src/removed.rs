@@ -1,4 +1,4 @@
-//! Corrections applied to a magnetic reading, so that none is applied twice.
+//! Record of the corrections applied to a magnetic reading, so that none is applied twice.
 
 use std::{
     collections::{BTreeSet, HashMap},

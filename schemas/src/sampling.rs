@@ -1,7 +1,7 @@
 //! The dependence of list entries on the sample rate of their line.
 //!
-//! The terms of a model are differences per sample, so their coefficients are valid at one rate. A list column names
-//! such entries in its metadata. A stage that applies a model at another rate converts them or reports an error.
+//! Some terms of a model are differences per sample, so their coefficients are valid at one rate only. A list column
+//! names such entries in its metadata. A stage that applies a model at another rate converts them or reports an error.
 
 use std::collections::HashMap;
 

@@ -62,8 +62,9 @@ pub trait Stage: Params + Any + Send + Sync {
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
 
     /// Reason why the parameter `key` has no effect, for example because it belongs to a model that is not fitted.
-    /// `None` if the parameter has an effect. The key of a result omits such parameters, so that points of a sweep that
-    /// differ only in them are computed once. A spec that sets such a parameter explicitly is rejected.
+    /// `None` if the parameter has an effect. The key of a result omits parameters without an effect, so points of a
+    /// sweep that differ only in such parameters are computed once. A spec that sets such a parameter explicitly is
+    /// rejected.
     fn unused_key(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -108,8 +109,8 @@ pub trait LineStage: Stage {
         unit.downcast().map(|unit| *unit).map_err(|_| Fault::bug("a stage with shared data has no `prepare`"))
     }
 
-    /// The parameters that [`LineStage::prepare`] depends on, in canonical spelling: all, unless a stage restricts them
-    /// to share prepared data between the points of a sweep.
+    /// The parameters that [`LineStage::prepare`] depends on, in canonical spelling. By default these are all
+    /// parameters; a stage can omit some, so that points of a sweep share prepared data.
     fn prepare_key(&self) -> String {
         let mut pairs = vec![];
         self.spell(&mut pairs);
@@ -184,8 +185,8 @@ impl<S: SurveyStage> Clone for SurveyPoint<'_, S> {
 
 impl<S: SurveyStage> Copy for SurveyPoint<'_, S> {}
 
-/// Points of a survey stage during computation: `map` may run on many lines concurrently; `finish` gets the parts in
-/// line order.
+/// Points of a survey stage during their computation. `map` may run on many lines concurrently; `finish` receives the
+/// parts in the order of the lines.
 pub trait SurveyAggregator: Send + Sync + 'static {
     /// The reduction of one line.
     type Part: Send + 'static;

@@ -9,9 +9,10 @@ use schemas::Fault;
 pub const STACK: usize = 1 << 30;
 /// Maximum length of an SQL text, in bytes. Together with [`STACK`] it limits every recursion over the text.
 const LONGEST: usize = 1 << 20;
-/// Length of an SQL text below which an ordinary stack suffices, in bytes.
+/// An ordinary stack suffices for an SQL text up to this length, in bytes.
 const SHORT: usize = 2_000;
-/// Number of brackets up to which an ordinary stack suffices. Thirty nested functions exceed a thread's stack of 2 MB.
+/// An ordinary stack suffices for an SQL text with at most this number of opening brackets. Thirty nested functions
+/// exceed a thread's stack of 2 MB.
 const BRACKETS: usize = 8;
 
 /// Runs `work`, which recurses over `sql`.

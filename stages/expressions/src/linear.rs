@@ -4,8 +4,8 @@ use datafusion::sql::sqlparser::ast::{BinaryOperator, Expr, UnaryOperator, Value
 
 use crate::{SQL, deep};
 
-/// Whether an expression is a sum of columns with constant factors, so that it can neither select nor weight rows. The
-/// result is false for anything else: products and ratios of columns, functions, conditions, and invalid SQL.
+/// Whether an expression is a sum of columns with constant factors, and therefore can neither select nor weight rows.
+/// The result is false for anything else: products and ratios of columns, functions, conditions, and invalid SQL.
 pub fn is_linear(sql: &str) -> bool {
     let read = || {
         let dialect = SQL.config().options().sql_parser.dialect;
