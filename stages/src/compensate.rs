@@ -32,10 +32,10 @@ stage! {
     /// Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their sum is the reading
     /// of the magnetometer. Both are NaN if the sample lacks a term of the model.
     ///
-    /// Terms that are differences per sample are converted to the rate of the fit, so the rate of a line may differ
-    /// from the rate of the fit. A central difference underestimates the rate of change at frequency f by the fraction
-    /// (2 pi f / rate)^2 / 6. For f = 0.2 Hz, this fraction is 0.3 % at a rate of 10 Hz and 1 % at 5 Hz. A model
-    /// without a stored rate, or with a lagged feature, is rejected if the rates may differ.
+    /// Terms that are differences per sample are converted to the sample rate of the fit, so a line with another sample
+    /// rate is accepted. A central difference underestimates the rate of change at frequency f by the fraction (2 pi f
+    /// / rate)^2 / 6. For f = 0.2 Hz, this fraction is 0.3 % at a rate of 10 Hz and 1 % at 5 Hz. A model without a
+    /// stored rate, or with a lagged feature, is rejected if the rates may differ.
     ///
     /// The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal of the diurnal
     /// variation.

@@ -50,8 +50,8 @@ pub const WAYS_OUT_OF_NO_DAY: &str = "add the columns `year` and `doy`, for exam
 /// Seconds of a day.
 pub const DAY_S: f64 = 86_400.0;
 
-/// Day number of the midnight from which the line's `tt` counts, from the first sample with a year, a day and a time.
-/// `None` without such a sample.
+/// Day number of the midnight from which the line's `tt` counts. It follows from the first sample with a year, a day
+/// and a time. `None` without such a sample.
 ///
 /// # Errors
 /// Fails if the year has no such day. The fault names the row.

@@ -69,7 +69,8 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
         `down_selected`, `small_1` and `small_2`: permanent, induced and derivative terms";
     /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its direction.
+    /// Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on the direction of the field that
+    /// it measures.
     vector: Option<String>, unit "", absent "`ETL_...` and the small sets are rejected";
     /// Scalar magnetometer of the small sets.
     mag: Option<String>, unit "nT", absent "the small sets are rejected";

@@ -66,7 +66,7 @@ low_hz    = 0.05
 type LagResult = Result<SignalLag, String>;
 
 impl LagStage {
-    /// Values of a column that are correlated. NaN where they are missing or not selected.
+    /// Values of a column for the correlation; NaN where they are missing or not selected.
     fn signal(
         &self,
         batch: &RecordBatch,

@@ -188,8 +188,8 @@ mod tests {
         }
     }
 
-    /// Ratio of the scatter of the coefficients of many calibrations to their computed standard deviation: the root of
-    /// the ratio of mean squares, because the mean of squared ratios follows Student's distribution. The noise of a
+    /// Scatter of the coefficients of many calibrations, divided by their computed standard deviation. It is the root
+    /// of the ratio of mean squares, because the mean of squared ratios follows Student's distribution. The noise of a
     /// sample is `memory` times the noise of the previous sample, plus a new random number.
     fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
         let (calibrations, rows) = (120, 3000);

@@ -1,5 +1,5 @@
-//! Summary of the unfiltered rows of a line, from which the residual of any model is computed: means over about a
-//! second, with some steps between neighbouring samples.
+//! Summary of the unfiltered rows of a line, from which the residual of any model is computed. It holds means over
+//! about a second, and some differences between neighbouring samples (steps).
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -21,8 +21,8 @@ const STEPS: usize = 1000;
 /// Range of a target that is a total field, in nT. Core field and diurnal variation of such a target are not noise.
 const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 
-/// Columns, if the line has them, that are subtracted before the noise is estimated: the core field, or the inputs to
-/// compute it, and the diurnal variation.
+/// Columns that are subtracted, if the line has them, before the noise is estimated: the core field, or the inputs from
+/// which it is computed, and the diurnal variation.
 pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt", "year", "doy"];
 
 /// Values of columns over blocks and steps of a line, in the order of [`WidebandLayout`].
@@ -107,8 +107,8 @@ impl WidebandSummary {
         self.targets.entry(name.to_owned()).or_insert_with(|| (layout.values(|row| values[row]), removed));
     }
 
-    /// Residual of the target. `terms` are the names of all entries of the features in order, and `coefficients` are
-    /// those of the model, with their names.
+    /// Residual of the target. `terms` are the names of all entries of the features, in order. `coefficients` are the
+    /// coefficients of the model, with their names.
     pub fn residual<'a>(
         &self,
         target: &str,

@@ -282,8 +282,8 @@ impl Importance {
     }
 }
 
-/// Norm of the weights of each group of inputs in the first layer of a network, in standard deviations of the inputs on
-/// the line. NaN for an entry that is not an input of the network.
+/// Norm of the weights of each group of inputs in the first layer of a network. The weights apply to inputs in units of
+/// their standard deviation on the line. NaN for an entry that is not an input of the network.
 fn first_layer(
     rows: &ImportanceRows,
     fitted: &FittedModel,

@@ -129,8 +129,8 @@ impl AircraftModelKeys {
     }
 
     /// Coefficients of a line's terms with their prior. `walk_per_hour` is the standard deviation of the random walk of
-    /// each coefficient after one hour, divided by its prior standard deviation; unset, it is 0.1 with calibrations and
-    /// 0 without.
+    /// each coefficient after one hour, divided by its prior standard deviation. If unset, it is 0.1 with calibrations
+    /// and 0 without.
     ///
     /// # Errors
     /// Fails if the model has none of the terms, or a term has no equivalent at the rate of the line.

@@ -20,8 +20,8 @@ filter! {
     /// loop, and temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// With `tuning = "auto"` the innovation variance includes the effect of the map's curvature within the position
-    /// uncertainty, from second-order divided differences [Nørgaard, Poulsen & Ravn 2000]. Without this term, the first
-    /// updates after an inaccurate start reduce the covariance too far.
+    /// uncertainty. This effect is computed from second-order divided differences [Nørgaard, Poulsen & Ravn 2000].
+    /// Without this term, the first updates after an inaccurate start reduce the covariance too far.
     ///
     /// Source: Gnadt 2022, section 5.3, with discretised process noise. The Jacobians F and H are verified by finite
     /// differences.

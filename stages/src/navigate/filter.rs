@@ -90,8 +90,8 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
-    /// Keys of the aircraft field whose coefficients are states of the filter, and the random walk of each coefficient
-    /// in one hour as a fraction of its prior standard deviation, if it is set.
+    /// Keys of the aircraft field whose coefficients are states of the filter, and, if set, the random walk of each
+    /// coefficient in one hour as a fraction of its prior standard deviation.
     fn aircraft(&self) -> Option<(&AircraftModelKeys, Option<f64>)> {
         None
     }

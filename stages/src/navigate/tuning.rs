@@ -345,7 +345,7 @@ impl FilterInput<'_> {
         Some(PermanentStates { direction: self.field_directions(&rows)?, process })
     }
 
-    /// Factor from the white noise of a magnetometer to that of each measurement.
+    /// White noise of each measurement, divided by the white noise of a magnetometer.
     pub(super) fn scale(&self) -> Vec<f64> {
         let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
         (0..self.ins.len()).map(|row| factor(row) / self.counts[row].sqrt()).collect()

@@ -1,4 +1,4 @@
-//! Start of a line whose initial position is known less accurately than the distance over which the map is linear.
+//! Start of a line whose initial position error may exceed the distance over which the map is linear.
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{
@@ -20,7 +20,7 @@ use super::{
 use crate::columns::{array, data};
 
 /// Columns of a filter that linearises the map from the first sample on: the initial standard deviation of the position
-/// (longer axis), and the largest one over which the map is linear within the noise, in metres.
+/// (longer axis), and its largest value for which the map is linear within the noise, in metres.
 pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 
 /// Standard deviation (nT) and time constant (s) of the slow error while the aircraft is located, if they are unset. A
@@ -54,7 +54,8 @@ impl Navigate {
         [range.sigma_m, range.limit_m].map(|m| array(vec![m; flown.ins.len()])).to_vec()
     }
 
-    /// Range over which the map is linear at the start of a line, with the noise before its estimation.
+    /// Range over which the map is linear at the start of a line, computed with the noise that is assumed before the
+    /// noise is estimated.
     pub(super) fn start_range(&self, flown: &FilterInput) -> Result<Option<LinearRange>, Fault> {
         if flown.map.is_none() || !self.filter.keys.takes_field() {
             return Ok(None);

@@ -4,8 +4,8 @@
 //! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
 //! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
 //! window, its first sample replaces the missing earlier samples. With the linear terms of a vector form, the
-//! prediction is that of the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch
-//! layout: [`learning::network::WindowedNetworkShape`].
+//! prediction has the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch layout:
+//! [`learning::network::WindowedNetworkShape`].
 
 use learning::{
     inputs::InputScaling,

@@ -80,7 +80,7 @@ impl NetworkCore {
         }
     }
 
-    /// Number of parameters before those of the dense layers.
+    /// Number of parameters that precede the parameters of the dense layers.
     fn head_start(&self) -> usize {
         match self {
             NetworkCore::Dense(_) => 0,

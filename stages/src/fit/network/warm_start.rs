@@ -373,7 +373,7 @@ mod tests {
         cut.term.remove(9);
         cut.value.remove(9);
         assert_reason(why(&cut, "m1", &[]), "the model cannot be used");
-        // If `hidden` is unset, the layers are those of the initial network.
+        // If `hidden` is unset, the network has the layers of the initial network.
         let deep = first("m1", &[eight]);
         assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());
     }
