@@ -174,7 +174,7 @@ block_s = 1.0
     /// Number of rows in each of the two random matrices for a Sobol index. The model predicts (number of groups + 2)
     /// times this number of rows. Errors are proportional to the inverse square root of `points`.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
-    /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
+    /// Fraction of an input's values on the line that lie outside its range at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);
     /// Seed of the random draws.
     seed: usize, unit "", default 0usize;

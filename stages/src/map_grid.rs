@@ -58,10 +58,10 @@ stage! {
     ///
     /// Use `map_grid` to make a navigation map from the survey lines that `where` selects. `equivalent_sources` gives a
     /// potential field at one height, by default the height of the highest point. The potential field can be continued
-    /// to other heights. `minimum_curvature` interpolates the values at the flight heights, and does not require
-    /// heights. Levelling is part of this stage, because it uses the crossings in the map's coordinates and the values
-    /// without core field and diurnal variation. Do not grid the lines that are navigated, because the map would then
-    /// contain the field measured along these lines.
+    /// to other heights. `minimum_curvature` interpolates the values without continuing them to a common height, so it
+    /// does not require heights. Levelling is part of this stage, because it uses the crossings in the map's
+    /// coordinates and the values without core field and diurnal variation. Do not grid the lines that are navigated,
+    /// because the map would then contain the field measured along these lines.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
@@ -138,7 +138,7 @@ pub struct SurveyMap {
 
 pub use points::without_far;
 
-/// Receives the current step, the amount done and the total.
+/// Function that receives the current step, the amount done and the total.
 pub type MapGridProgress<'a> = gridding::GriddingProgress<'a>;
 
 impl MapGrid {

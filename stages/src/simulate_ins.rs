@@ -58,8 +58,8 @@ replace   = true
     /// Propagation of the errors: the linear error model of `navigate`, or a strapdown mechanisation of sensor readings
     /// with errors. The mechanisation is accurate for errors of any size.
     method: ErrorPropagation, unit "", default ErrorPropagation::ErrorModel;
-    /// Length of the window in which parabolas are fitted to smooth positions and velocities. The weights fall to 0 at
-    /// the ends of the window. 0 switches smoothing off.
+    /// Length of the window in which positions and velocities are smoothed by fitted parabolas. The weights fall to 0
+    /// at the ends of the window. 0 switches smoothing off.
     smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;

@@ -39,7 +39,7 @@ pub struct FitProblem<'a> {
     pub(super) rate_hz: f64,
     /// Flight of each share.
     flights: Vec<String>,
-    /// Used lines, and for each unused line the reason.
+    /// Used lines, and each unused line with the reason.
     pub(super) lines: Vec<String>,
     pub(super) unused: String,
     /// Matrix columns used. `None` selects all.
@@ -227,8 +227,8 @@ impl<'a> FitProblem<'a> {
     }
 
     /// The same problem with whitened principal components of the standardised features instead of the features. `keep`
-    /// is the number of components; a value below 1 is the fraction of the variance that they explain. Unchanged
-    /// without `keep`.
+    /// is the number of components; a value below 1 is the fraction of the variance that they explain. Without `keep`,
+    /// the problem is returned unchanged.
     ///
     /// # Errors
     /// Fails if there are no rows, no component is kept, or the decomposition does not converge.

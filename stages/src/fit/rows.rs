@@ -125,8 +125,8 @@ impl FitLineSummary {
     /// moments computed for that question alone.
     ///
     /// # Errors
-    /// Fails if the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is
-    /// stored in the part instead.
+    /// Fails if the line has no numeric column `tt`, or no sample rate follows from its times. A fault that concerns a
+    /// single question is stored in the result instead.
     pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;

@@ -28,7 +28,7 @@ struct FilterPointGroup<'a> {
     places: Vec<usize>,
 }
 
-/// Core fields by date, because a sweep has few dates.
+/// Cached core fields, by date; a sweep has few dates.
 #[derive(Default)]
 struct CoreFieldCache(Vec<(f64, Arc<CoreField>)>);
 
@@ -283,7 +283,7 @@ impl NoiseSources<'_> {
 
 impl<'a> FilterInput<'a> {
     /// Averages the available magnetometers at each sample. Their predictions are equal, so the mean loses no
-    /// information on the position. The offset of each is subtracted before.
+    /// information on the position. The offset of each magnetometer has already been subtracted.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);
         if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {

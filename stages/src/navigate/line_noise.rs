@@ -1,4 +1,4 @@
-//! Estimate of the noise of one line, and of its unknown alignment.
+//! Estimate of the noise of one line, and of the time of its alignment if this is unknown.
 
 use numerics::navigation::{
     ins_error::InsErrorModel,
@@ -178,7 +178,7 @@ impl LineNoiseEstimate {
         Ok(self.with_search(&flown, &rows, Default::default(), gain)? > 0.0)
     }
 
-    /// Calls `of` with the line at some rows, from the start of this estimate and with its map error.
+    /// Calls `of` with the given rows of the line, and with the initial covariance and the map error of this estimate.
     fn with_search<T>(
         &self,
         flown: &FilterInput,

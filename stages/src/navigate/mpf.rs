@@ -53,9 +53,9 @@ filter! {
     /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without the
     /// kernel density only copies of a few particles remain. The covariance is then far too small.
     regularise: bool, unit "", default true;
-    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
-    /// is divided into parts with one kernel each. With `gradient`, set a third of this distance, over which the slope
-    /// of the map is nearly linear.
+    /// Distance over which the map is nearly linear; typically the height of the map above the sources. A wider cloud
+    /// of particles is divided into parts with one kernel each. With `gradient`, set a third of this distance, over
+    /// which the slope of the map is nearly linear.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Standard deviation, per axis, of position noise that is added to each resampled particle. The unit is the range
     /// of the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.

@@ -40,8 +40,8 @@ filter! {
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
-    /// is divided into parts with one kernel each.
+    /// Distance over which the map is nearly linear; typically the height of the map above the sources. A wider cloud
+    /// of particles is divided into parts with one kernel each.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Minimum weight of the most probable mode at the hand-over.
     hand_over_weight: f64, unit "1", default 0.99, rule Rule::Between(0.5, 1.0);

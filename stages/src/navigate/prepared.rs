@@ -54,8 +54,8 @@ struct MapHeightLevels {
 const SAME_HEIGHT: f64 = 0.05;
 /// Vertical distance between two levels, in cells of the map.
 const SPACING: f64 = 0.25;
-/// Maximum downward continuation, in cells. Downward continuation over this distance multiplies the amplitude of the
-/// shortest wavelength of the map by e^(pi x cells).
+/// Maximum downward continuation, in cells. Downward continuation by n cells multiplies the amplitude of the map's
+/// shortest wavelength by e^(pi n).
 const DOWNWARD: f64 = 1.0;
 /// Maximum number of cached maps. Without a limit, lines at many heights would fill the memory.
 const MOST_KEPT: usize = 8;

@@ -70,8 +70,8 @@ const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in seconds.
 const FIX_WITHIN_S: f64 = 2.0;
-/// Times from an unknown alignment to a fix, in seconds: an old alignment, and one at the fix. Within an hour, about
-/// two thirds of a Schuler period, the tilts reach their largest errors.
+/// Possible times from an unknown alignment to the fix, in seconds: for an old alignment, and for an alignment at the
+/// fix. Within an hour, about two thirds of a Schuler period, the tilts reach their largest errors.
 const ASSUMED_AGES_S: [f64; 2] = [3600.0, 0.0];
 /// Longest time from an alignment to a line, in seconds.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
@@ -374,13 +374,14 @@ mod tests {
 
     #[test]
     fn unit_a_filter_starts_from_the_receiver_of_a_flight() {
-        // The alignment leaves the error of the INS, 10 m; the receiver leaves its own error, 4 m.
+        // A start from the alignment keeps the INS error of 10 m; a start from the receiver has the receiver's error of
+        // 4 m.
         let far = |flight: &RecordBatch, keys: &str| run(keys, flight).unwrap().error_m(0);
         let of_alignment = far(&added(vec![aligned(-100.0)]), "");
         let both = added(receiver().into_iter().chain([aligned(-100.0)]).collect());
         assert!((of_alignment - 10.0).abs() < 0.1, "{of_alignment}");
         assert!((far(&both, "") - 4.0).abs() < 0.3 && (far(&both, "start = 'alignment'") - 10.0).abs() < 0.1);
-        // The tilt grows since the alignment, so the position is lost faster.
+        // The tilt has grown since an old alignment, so the position error grows faster.
         let spread = |age_s: f64| {
             let flight = added(receiver().into_iter().chain([aligned(-age_s), grade("tactical")]).collect());
             run("", &flight).unwrap().numbers("sd_n")[ROWS - 1]

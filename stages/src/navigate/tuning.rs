@@ -188,7 +188,7 @@ impl Navigate {
         self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
     }
 
-    /// Parameters of the search that are fixed.
+    /// Fixed parameters of the search.
     fn not_searched(&self, expected: &AssumedNoise) -> NoiseParameters {
         let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
         let given = self.of_calibration().map(|(value, ..)| value.is_some());

@@ -37,7 +37,7 @@ metric! {
 }
 
 metric! {
-    /// lower bound on the rms horizontal error of a constant position offset of the line, as determined from the map
+    /// lower bound on the rms horizontal error with which the map determines a constant position offset of the line
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {

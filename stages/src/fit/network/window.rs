@@ -20,7 +20,7 @@ pub struct WindowLayers {
     pub memory: MemoryLayers,
     /// Number of samples.
     pub window: usize,
-    /// Number of units: of a sample for a transformer, otherwise equal to the number of features.
+    /// Number of units that represent a sample for a transformer; number of features for other layers.
     pub units: usize,
     /// Number of heads of a transformer; 1 for other layers.
     pub heads: usize,
