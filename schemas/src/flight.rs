@@ -13,10 +13,10 @@ pub const KEYS: [&str; 3] = ["flight", "line", "tt"];
 /// Column with the grade of the INS, and the error sources that differ from this grade.
 pub const INS_GRADE: &str = "ins_grade";
 
-/// Columns of the position by a GNSS receiver.
+/// Columns with the position from a GNSS receiver.
 pub const GNSS_POSITION: [&str; 3] = ["gnss_lat", "gnss_lon", "gnss_alt"];
 
-/// Columns of the velocity by a GNSS receiver.
+/// Columns with the velocity from a GNSS receiver.
 pub const GNSS_VELOCITY: [&str; 3] = ["gnss_vn", "gnss_ve", "gnss_vd"];
 
 const fn d(unit: &'static str, role: Role, description: &'static str) -> ColumnDescription {

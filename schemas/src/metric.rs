@@ -18,7 +18,7 @@ pub struct Metric {
     pub better: MetricPreference,
     /// Places where it is shown, in addition to the table of scores.
     pub shown: MetricDisplay,
-    /// Metric of the same quantity without navigation or compensation.
+    /// Baseline: the metric of the same quantity without navigation or compensation.
     pub baseline: Option<MetricBaseline>,
     /// Limit beyond which a value is flagged by a warning.
     pub limit: Option<MetricLimit>,

@@ -22,7 +22,7 @@ pub enum PhysicalQuantity {
     Longitude,
     /// Height of an aircraft, above any reference.
     Height,
-    /// Height of the ground or above the ground.
+    /// Height of the ground, or height above the ground.
     Ground,
     /// Component of a velocity.
     Speed,

@@ -47,7 +47,7 @@ stage  = "diurnal"
 input  = "derive"
 record = "observatory"
 "#;
-    /// Column of the record to use.
+    /// Column of the record from which the variation is computed.
     element: String, unit "nT", default "field_f";
     /// Name of the new column.
     column: String, unit "nT", default "diurnal";
@@ -76,7 +76,7 @@ choice! {
 }
 
 const INPUT: usize = 0;
-/// Columns of the position of a station.
+/// Columns of a station's position.
 const PLACE: [&str; 2] = ["lat", "lon"];
 /// Smallest distance used in the weights, so that a station below the aircraft has a finite weight.
 const NEAREST_M: f64 = 1.0;

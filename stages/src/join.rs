@@ -61,8 +61,8 @@ choice! {
     }
 }
 
-/// Maximum difference of equal times, in seconds. It is far below a sample interval, and far above the rounding error
-/// of the seconds of a day.
+/// Maximum difference between times that count as equal, in seconds. It is far below a sample interval, and far above
+/// the rounding error of the seconds of a day.
 const SAME_S: f64 = 1e-6;
 
 /// The inputs, in their order.

@@ -8,7 +8,7 @@ use numerics::maps::{
 };
 use schemas::{Fault, StageOutput};
 
-/// Columns of a map that a stage reads.
+/// Columns that a stage reads from a map.
 pub fn whole_map() -> Vec<String> {
     schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect()
 }

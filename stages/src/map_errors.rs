@@ -39,7 +39,7 @@ pub enum NodeErrorSource {
 
 /// Error of a map's nodes.
 struct NodeError {
-    /// Standard deviation of each node, in nT.
+    /// Standard deviation of each node's error, in nT.
     map: FieldMap,
     /// Root mean square over all nodes, in nT.
     rms_nt: f64,

@@ -280,7 +280,7 @@ impl MapGrid {
         })
     }
 
-    /// Columns of lines that are read.
+    /// Columns that are read from the lines.
     fn reads(&self) -> Vec<&str> {
         let mut reads = vec!["lat", "lon", "alt", self.value.as_str()];
         if self.remove_diurnal {

@@ -199,7 +199,7 @@ pub struct NoiseNetworkAggregator {
     points: Vec<TrainingPoint>,
 }
 
-/// Line of a training, with its name.
+/// Training line, with its name.
 pub struct PreparedLine {
     name: String,
     columns: [Vec<f64>; 13],

@@ -117,7 +117,7 @@ const PLACE: [&str; 3] = ["lat", "lon", "alt"];
 const SPREAD: [&str; 3] = ["sd_n", "sd_e", "cov_ne"];
 /// Column of the standard deviation.
 const SD: &str = "sd";
-/// Nodes per length of the kernel.
+/// Number of nodes per kernel length.
 const NODES_A_LENGTH: f64 = 6.0;
 /// Largest standard deviation of a known node, divided by the standard deviation of the anomaly.
 const KNOWN: f64 = 0.25;
@@ -134,7 +134,7 @@ impl TrackMap {
         corrects(shape, std::slice::from_ref(&self.mag), MagneticCorrection::Diurnal, self.remove_diurnal, there)
     }
 
-    /// The columns of the lines that are read.
+    /// The columns that are read from the lines.
     fn reads(&self, shape: &TableShape, tracked: bool) -> Vec<String> {
         let mut reads = vec!["tt", self.mag.as_str()];
         if !tracked {

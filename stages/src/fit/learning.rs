@@ -116,7 +116,7 @@ impl FitAggregator {
         Some(NetworkInputs::from_samples(&network, samples, first.settings.whiten, None))
     }
 
-    /// Points of a group in order, grouped by the order in which the training visits the samples.
+    /// Points of a group, divided into teams whose training visits the samples in the same order.
     fn teams(&self, group: &[usize]) -> Vec<Vec<usize>> {
         let mut teams: BTreeMap<Option<(usize, usize)>, Vec<usize>> = BTreeMap::new();
         for &place in group {

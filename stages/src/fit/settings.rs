@@ -80,7 +80,7 @@ pub struct FitSettings {
 }
 
 impl FitSettings {
-    /// Returns whether two settings have the same scaling of columns.
+    /// Returns whether two settings have the same scaling of columns and the same `intercept`.
     pub fn same_scale(&self, other: &FitSettings) -> bool {
         (self.scaling, self.intercept) == (other.scaling, other.intercept)
     }

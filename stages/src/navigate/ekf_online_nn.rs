@@ -167,8 +167,8 @@ impl NavigationFilter for EkfOnlineNn {
 }
 
 impl EkfOnlineNn {
-    /// Features of the line, row-major, and their names. Differences have the rate of the model that gives the initial
-    /// weights.
+    /// Features of the line, row-major, and their names. Differences are converted to the sample rate of the model that
+    /// gives the initial weights.
     fn features<'a>(&self, flown: &'a FilterInput) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
         let (features, names) = matrix(flown.columns, &self.features)?;
         let Some(model) = flown.models.first() else { return Ok((Cow::Borrowed(features), names)) };

@@ -109,7 +109,7 @@ impl NavigationFilter for Nekf {
     }
 }
 
-/// Faults of columns as further inputs.
+/// Faults of the columns that are further inputs.
 pub(crate) fn feature_faults(shape: &schemas::TableShape, names: &[String]) -> Vec<Fault> {
     let mut faults =
         if names.is_empty() { vec![] } else { crate::columns::not_numbers_among(shape, names, "features") };

@@ -34,7 +34,7 @@ impl Navigate {
         filter.needs_map() && filter.takes_field() && !filter.takes_wide_start()
     }
 
-    /// Columns of the test of the start.
+    /// The columns [`START_COLUMNS`], if the start is tested.
     pub(super) fn start_columns(&self) -> Vec<Column> {
         let what = [
             "standard deviation of the initial position, along the longer axis of its error ellipse",

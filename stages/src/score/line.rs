@@ -72,7 +72,7 @@ impl<'a> ScoreLine<'a> {
         columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
     }
 
-    /// A source of one column.
+    /// Values of a source with a single column.
     ///
     /// # Errors
     /// Fails if the line lacks the source, or its column does not hold numbers.
@@ -109,7 +109,7 @@ impl<'a> ScoreLine<'a> {
         updates.ok_or_else(|| Fault::data("the track has no text column `update`").in_column("update"))
     }
 
-    /// A source of one column of text.
+    /// Values of a source with a single column of text.
     ///
     /// # Errors
     /// Fails if the line lacks the source, or its column does not hold text.

@@ -39,7 +39,7 @@ pub struct TrackMapLinePart {
 }
 
 impl TrackMapAggregator {
-    /// Gathers for these points of a sweep.
+    /// Gathers measurements for these points of a sweep.
     pub fn new(stages: Vec<&TrackMap>) -> TrackMapAggregator {
         TrackMapAggregator { stages: stages.into_iter().cloned().collect() }
     }

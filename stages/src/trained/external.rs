@@ -17,7 +17,7 @@ use super::{
 
 /// A model that other code fits and applies.
 pub trait ExternalModel: fmt::Debug + Send + Sync {
-    /// The columns of a row.
+    /// Names of the columns of an input row.
     fn columns(&self) -> &[String];
 
     /// Prediction for rows of [`ExternalModel::columns`], row-major and finite.

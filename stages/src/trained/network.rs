@@ -98,7 +98,7 @@ impl NetworkEnsemble {
         Ok(Self { columns, scaling, shape, members, target })
     }
 
-    /// The columns of a row.
+    /// Names of the columns of an input row.
     pub fn columns(&self) -> &[String] {
         &self.columns.all
     }

@@ -36,7 +36,7 @@ impl RandomFourierModel {
         Ok(Self { inputs, scaling, model })
     }
 
-    /// The columns of a row.
+    /// Names of the columns of an input row.
     pub fn columns(&self) -> &[String] {
         &self.inputs
     }

@@ -66,7 +66,7 @@ impl WindowedNetwork {
         Ok(Self { columns, scaling, core, members, target, rate_hz })
     }
 
-    /// The columns of a row.
+    /// Names of the columns of an input row.
     pub fn columns(&self) -> &[String] {
         &self.columns.all
     }

@@ -60,13 +60,13 @@ impl NetworkCore {
         }
     }
 
-    /// Parameters of a network of scaled terms.
+    /// Parameters, converted for a network of scaled terms.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         let (before, head) = parameters.split_at(self.head_start());
         [before, &terms.scaled(self.head(), head)].concat()
     }
 
-    /// Parameters of a network of unscaled terms.
+    /// Parameters, converted for a network of unscaled terms.
     pub fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         let (before, head) = parameters.split_at(self.head_start());
         [before, &terms.original(self.head(), head)].concat()

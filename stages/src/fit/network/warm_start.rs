@@ -281,7 +281,7 @@ mod tests {
             let (before, after) = (weights(&first), weights(&second));
             assert_eq!(before.len(), after.len(), "{model}");
             for ((name, before), (same, after)) in before.into_iter().zip(after) {
-                // Parameters of linear terms are scaled and scaled back.
+                // Parameters of linear terms differ by rounding, because they are scaled and scaled back.
                 let near = (before - after).abs() <= 1e-12 * (1.0 + before.abs());
                 assert!(name == same && near, "{model} {name} {same}: {before} {after}");
             }
