@@ -30,14 +30,14 @@ use crate::{
 };
 
 stage! {
-    /// Trains the network that sets the noise of the filter `nekf`, on the lines that `where` selects. Do not select
+    /// Trains, on the lines that `where` selects, the network that sets the noise of the filter `nekf`. Do not select
     /// the lines that are navigated: their scores would be in sample.
     ///
     /// Training minimises the negative log-likelihood of the innovations, which requires no truth. With `loss =
     /// "position"`, it minimises the negative log-likelihood of the true position, `lat` and `lon`. The derivatives of
     /// the loss are propagated back through the network and through the covariance and state of the filter. Lines are
-    /// prepared as in `navigate`. Set the keys that both stages share to the same values. With `tuning = "auto"` the
-    /// noise of each line is estimated first, and the network learns how the noise changes along the line.
+    /// prepared as in `navigate`. Give the shared keys the same values in both stages. With `tuning = "auto"` the noise
+    /// of each line is estimated first, and the network learns how the noise changes along the line.
     ///
     /// The table holds the weights, the scaling of the inputs, and the mean loss of each epoch (`epoch_loss`;
     /// `initial_loss` is the loss of `ekf`). If the loss does not decrease, the inputs do not predict the noise, and

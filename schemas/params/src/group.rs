@@ -234,7 +234,7 @@ pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
     list.into_iter().next()
 }
 
-/// Always `None`: a parameter with the default `_default` needs no text for its behaviour when unset.
+/// Returns `None`: a parameter with the default `_default` needs no text for its behaviour when unset.
 #[doc(hidden)]
 pub const fn no_text(_default: &str) -> Option<&'static str> {
     None

@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// Normally distributed numbers, from a generator that is independent of that in `numerics`.
+    /// Normally distributed numbers, from a generator that is independent of the generator in `numerics`.
     struct Noise(u64);
 
     impl Noise {

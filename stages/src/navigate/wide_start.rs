@@ -23,8 +23,8 @@ use crate::columns::{array, data};
 /// (longer axis), and its largest value for which the map is linear within the noise, in metres.
 pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 
-/// Standard deviation (nT) and time constant (s) of the slow error while the aircraft is located, if they are unset. A
-/// calibration may leave a constant of this size.
+/// Standard deviation (nT) and time constant (s) of the slow error that is assumed while particles locate the aircraft,
+/// if they are unset. A calibration may leave a constant of this size.
 const SLOW_ERROR: (f64, f64) = (30.0, 3000.0);
 
 impl Navigate {
