@@ -51,7 +51,7 @@ pub struct FitAggregator {
     pub(super) starts: Vec<Result<Option<TrainingStart>, Fault>>,
 }
 
-/// Questions to each line.
+/// Requests to each line.
 fn questions(points: &[FitPoint]) -> BTreeMap<DesignMatrixKey, FitRequest> {
     let mut all: BTreeMap<DesignMatrixKey, FitRequest> = BTreeMap::new();
     for point in points {

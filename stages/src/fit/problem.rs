@@ -30,14 +30,14 @@ const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 #[derive(Clone)]
 pub struct FitProblem<'a> {
     shares: Vec<&'a LineContribution>,
-    /// Names of the matrix columns, and the rate dependence of the terms of each share.
+    /// Names of the matrix columns, and the rate dependence of the terms of each line's contribution.
     all_terms: &'a [String],
     rates: Vec<&'a [TermRate]>,
-    /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
+    /// Factors that convert the terms of each contribution to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
     /// Sample rate of the differences among the terms, in Hz: the rate of the first line.
     pub(super) rate_hz: f64,
-    /// Flight of each share.
+    /// Flight of each contribution.
     flights: Vec<String>,
     /// Used lines, and each unused line with the reason.
     pub(super) lines: Vec<String>,
@@ -59,7 +59,7 @@ pub struct FitProblem<'a> {
 }
 
 impl<'a> FitProblem<'a> {
-    /// Gathers the shares of the lines, in the order of the lines.
+    /// Gathers the contributions of the lines, in the order of the lines.
     ///
     /// # Errors
     /// Fails if no selected line has the features, no row remains after filter and trim, or the lines have different
@@ -147,7 +147,7 @@ impl<'a> FitProblem<'a> {
         Ok(())
     }
 
-    /// Moments of a share at the rate of the problem.
+    /// Moments of a contribution at the rate of the problem.
     fn scaled<'m>(&self, moments: &'m RegressionMoments, share: usize) -> Result<Cow<'m, RegressionMoments>, Fault> {
         match self.factors.get(share) {
             Some(Some(factors)) => moments.scaled(factors).map(Cow::Owned).map_err(data),

@@ -34,7 +34,7 @@ pub const MOST_WITH_ERRORS: usize = 96;
 /// not depend on the rate.
 pub type TermRate = Option<(RateLaw, f64)>;
 
-/// Share of one line in a fit.
+/// Contribution of one line to a fit.
 pub struct LineContribution {
     /// Moments of the filtered and trimmed rows.
     pub moments: RegressionMoments,
@@ -62,13 +62,13 @@ pub struct FitRows {
     pub rate_hz: f64,
 }
 
-/// Summary of the unfiltered rows of a line, and the questions that these rows belong to.
+/// Summary of the unfiltered rows of a line, and the requests that use these rows.
 pub struct WidebandContribution {
     pub asked: Vec<(DesignMatrixKey, TargetColumns)>,
     pub wide: WidebandSummary,
 }
 
-/// Shares of one line, by matrix and targets, with the names of the terms of each matrix.
+/// Contributions of one line, by matrix and targets, with the names of the terms of each matrix.
 #[derive(Default)]
 pub struct FitLineSummary {
     pub flight: String,
@@ -76,7 +76,7 @@ pub struct FitLineSummary {
     /// Sample rate, in Hz.
     pub rate_hz: f64,
     pub shares: BTreeMap<(DesignMatrixKey, TargetColumns), LineContribution>,
-    /// Fault of each question for which this line cannot be used.
+    /// Fault of each request for which this line cannot be used.
     pub refused: BTreeMap<(DesignMatrixKey, TargetColumns), Fault>,
     pub terms: BTreeMap<DesignMatrixKey, Vec<String>>,
     /// Dependence of each of these terms on the sample rate.
@@ -111,7 +111,7 @@ impl<'a> FeatureBlock<'a> {
     }
 }
 
-/// Questions to one line with the same filter and the same usable rows.
+/// Requests with the same filter, for which the same rows of a line can be used.
 struct FitRequestGroup<'a> {
     runs: Vec<Range<usize>>,
     selected: usize,
@@ -119,14 +119,14 @@ struct FitRequestGroup<'a> {
 }
 
 impl FitLineSummary {
-    /// Reduces a line to its shares. If the line lacks a column of a question, that question has no share.
+    /// Reduces a line to its contributions. A request for a column that the line lacks has no contribution.
     ///
-    /// Columns that several questions share are filtered once. The moments of each question are bit-identical to the
-    /// moments computed for that question alone.
+    /// Columns that several requests share are filtered once. The moments of each request are bit-identical to the
+    /// moments computed for that request alone.
     ///
     /// # Errors
     /// Fails if the line has no numeric column `tt`, or no sample rate follows from its times. A fault that concerns a
-    /// single question is stored in the result instead.
+    /// single request is stored in the result instead.
     pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
@@ -160,7 +160,7 @@ impl FitLineSummary {
             }
         }
         for group in &groups {
-            // A fault in the filter of one question does not affect the others.
+            // A fault in the filter of one group of requests does not affect the other groups.
             if let Err(fault) = fold(&mut part, batch, &blocks, group, questions, rate_hz) {
                 let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(move |t| ((*k).clone(), t.clone())));
                 for at in asked {
