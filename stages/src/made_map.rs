@@ -58,7 +58,7 @@ pub mod testing {
     /// Wavenumbers of the waves eastward and northward, in 1/m.
     pub const K: [f64; 2] = [2.0 * std::f64::consts::PI / 1600.0, 2.0 * std::f64::consts::PI / 1200.0];
 
-    /// A harmonic field of whole periods over the map, at the height `up_m` above it, in nT.
+    /// A harmonic field with whole periods over the map, at the height `up_m` above the map, in nT.
     pub fn field_nt(east_m: f64, north_m: f64, up_m: f64) -> f64 {
         100.0 * (K[0] * east_m).sin() * (K[1] * north_m).cos() * (-K[0].hypot(K[1]) * up_m).exp()
     }

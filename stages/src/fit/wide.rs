@@ -28,12 +28,12 @@ pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt"
 /// Values of columns over blocks and steps of a line, in the order of [`WidebandLayout`].
 type WidebandValues = Vec<f64>;
 
-/// Position of blocks and steps on a line.
+/// Positions of the blocks and steps on a line.
 struct WidebandLayout {
     /// Rows of each run, in blocks of equal length.
     runs: Vec<Range<usize>>,
     block: usize,
-    /// First rows of the steps.
+    /// First row of each step.
     steps: Vec<usize>,
     rate_hz: f64,
 }

@@ -355,7 +355,7 @@ fn refused(e: impl Display) -> Fault {
     data(e)
 }
 
-/// Mean absolute value of each group over the rows `x`, and the rows.
+/// Mean absolute contribution of each group over the rows `x`, and the contributions to single rows.
 fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> LineImportance {
     let count = groups.len();
     let of = |values: &[f64], g: usize| -> Vec<f64> { values.iter().skip(g).step_by(count).map(|v| v.abs()).collect() };

@@ -23,7 +23,7 @@ pub struct MapGridLine {
 }
 
 impl MapGridAggregator {
-    /// Points of a sweep that use the part.
+    /// Gathers survey lines for these points of a sweep.
     pub fn new(stages: Vec<&MapGrid>) -> MapGridAggregator {
         MapGridAggregator { stages: stages.into_iter().cloned().collect() }
     }
