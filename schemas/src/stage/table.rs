@@ -70,7 +70,7 @@ pub enum StageRole {
 /// The kind of table that an input of a stage reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {
-    /// A table of flight lines: the current line, or each in turn for a survey stage.
+    /// A table of flight lines. A line stage receives the current line, and a survey stage each line in turn.
     Lines,
     /// One or several such tables.
     ManyLines,

@@ -109,7 +109,8 @@ pub fn nothing_left(points: gridding::SurveyPoints, options: &CleaningOptions) -
     Fault::data(format!("none of {} points remains to grid: {}", points.len(), left_out.join(", "))).help(help)
 }
 
-/// Removes the positions of points that are far from all others, so that later steps omit them. Returns these points.
+/// Removes the positions of points that are far from all others, so that later steps omit them. Returns the indices of
+/// these points.
 pub fn without_far(points: &mut SurveyPointSet) -> Vec<usize> {
     let [east_m, north_m] = positions(points);
     let far = far_points(&east_m, &north_m);

@@ -38,7 +38,7 @@ params! {
 }
 
 impl SensorGeometry {
-    /// Faults on a flight. `wanted`: the filter requires the direction.
+    /// Faults on a flight. `wanted` states whether the filter requires the direction.
     pub(super) fn faults(&self, shape: &TableShape, wanted: bool) -> Vec<Fault> {
         let Some(vector) = &self.vector else {
             let none = self.dead_zones == DeadZones::None;

@@ -60,7 +60,8 @@ pub struct FilterTrack {
 }
 
 impl FilterTrack {
-    /// Track from a filter's output, without the states, which the filter adds. `gate_nis` is its innovation gate.
+    /// Track from a filter's output, without the states, which the filter adds. `gate_nis` is the innovation gate of
+    /// the filter.
     ///
     /// # Errors
     /// Fails if no measurement was used, or the offset is unknown.
