@@ -231,7 +231,7 @@ impl LineageDataset {
     }
 }
 
-/// A path without `.` and `..`; links below its folder keep their names.
+/// The path with `.` and `..` resolved by name alone; links are not followed.
 fn plain(path: &Path) -> PathBuf {
     path.components().fold(PathBuf::new(), |mut whole, part| {
         match part {

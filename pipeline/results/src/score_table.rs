@@ -7,7 +7,7 @@ use super::{
     text::{columns, number},
 };
 
-/// Width of a table without a terminal.
+/// Width of a table if the output is not a terminal.
 pub const WIDTH: usize = 120;
 /// Minimum width of a table.
 const NARROWEST: usize = 80;
@@ -15,8 +15,8 @@ const NARROWEST: usize = 80;
 const AXIS_WIDTH: usize = 12;
 
 /// The scores as text: at most `most` rows of at most `width` characters (at least 80). The columns before the axes
-/// have the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for in-sample rows. The last
-/// column has the number of flagged lines. Single in-sample values also have `~`. A legend below explains the signs.
+/// hold the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for in-sample rows. The last
+/// column holds the number of flagged lines. Single in-sample values also have `~`. A legend below explains the signs.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));

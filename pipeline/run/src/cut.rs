@@ -178,7 +178,7 @@ impl<'a> TableAssembler<'a> {
         HashKey::from_parts([self.kind.to_string()].into_iter().chain(spelt))
     }
 
-    /// Metadata of a pack of these units, which describe the file completely.
+    /// Metadata of a pack of these units, which make the file self-describing: stage, version, keys and columns.
     pub fn about(&self, id: HashKey, units: &[PlanUnit]) -> Vec<(String, String)> {
         let node = &self.graph.plan.tables[self.table];
         let mut questions: Vec<HashKey> = vec![];

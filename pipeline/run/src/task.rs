@@ -45,7 +45,7 @@ pub struct TaskUnit {
     pub line: Option<LineId>,
     /// Key of the result.
     pub key: HashKey,
-    /// Whether the result is in the store, and is only written into the same file.
+    /// Whether the result is already in the store, so that it is only copied into the file of the task.
     #[serde(default, skip_serializing_if = "is_false")]
     pub have: bool,
     /// Unusable lines of a survey stage, sorted.

@@ -1,9 +1,9 @@
-//! Rules by which scores and models of restricted columns are aggregates, which may be published.
+//! Rules by which scores and models computed from restricted columns count as aggregates, which may be published.
 //!
-//! A table is an aggregate if four conditions hold. It is not a learned model that can contain single samples. No
-//! expression of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples.
-//! There are at least `least_ratio` samples for each number in a model or in the scores of a line. In addition,
-//! aggregates that are published together must not differ by only a few samples.
+//! A table is an aggregate if four conditions hold. First, it is not a learned model that can reproduce single samples.
+//! Second, no expression of the spec selects or weights the samples. Third, each value is computed from at least
+//! `least_samples` samples. Fourth, there are at least `least_ratio` samples per number in a model or in the scores of
+//! a line. In addition, aggregates that are published together must not differ by only a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -20,15 +20,16 @@ const POINTS: usize = 1000;
 
 /// Numbers of samples of an aggregate.
 pub struct Aggregate {
-    /// Minimum number of samples behind a value.
+    /// Smallest number of samples from which a value is computed.
     samples: i64,
-    /// Minimum number of samples for each number in a unit.
+    /// Smallest number of samples per published number, over all units.
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
     /// Numbers of samples behind values that differ only in the samples they use.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// Number of published numbers of each line or set of lines, and the maximum number of samples behind one.
+    /// For each line or set of lines: the number of published numbers, and the largest number of samples behind one of
+    /// them.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 

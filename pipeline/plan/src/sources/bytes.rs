@@ -50,7 +50,7 @@ pub(super) struct FileFact {
     stamp: FileStamp,
     /// The time at which reading of the file began.
     at_ns: i64,
-    /// The hash of the file, or another fact.
+    /// The fact, such as the hash of the file.
     pub(super) found: String,
 }
 

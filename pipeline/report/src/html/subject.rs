@@ -76,7 +76,7 @@ pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubje
     vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
 
-/// Maximum number of further lines of a table of `navigate`, so that one page can hold all.
+/// Maximum number of lines shown for each further table of `navigate`, so that all tables fit on one page.
 const LINES: usize = 2;
 
 /// The board and metric that points are ranked by.
