@@ -278,7 +278,7 @@ fn in_radians(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Longer than any track of the benchmark, in metres.
+    /// Distance that exceeds the length of any track of the benchmark, in metres.
     const FAR_M: f64 = 200_000.0;
     let degrees: Vec<Vec<f64>> = columns.iter().map(|c| c.iter().map(|x| x.to_degrees()).collect()).collect();
     let degrees: Vec<&[f64]> = degrees.iter().map(Vec::as_slice).collect();

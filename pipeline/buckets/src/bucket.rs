@@ -33,9 +33,9 @@ use super::{
 const PART: u64 = 16 << 20;
 /// Maximum number of concurrent requests.
 const AT_ONCE: usize = 16;
-/// Maximum number of attempts at a request without a complete answer.
+/// Maximum number of attempts at a request that gets no complete answer.
 const TRIALS: u32 = 4;
-/// Time since the first attempt after which a request is not retried.
+/// A request is not retried later than this after its first attempt.
 pub(super) const RETRY_TIMEOUT: Duration = Duration::from_secs(120);
 /// Number of threads that wait for answers.
 const THREADS: usize = 2;
@@ -73,7 +73,7 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
     let runtime = runtime.ok_or_else(|| Fault::machine("cannot start threads for requests to an object store"))?;
     let (send, receive) = mpsc::channel();
     runtime.spawn(async move {
-        // The receiver below lives until it has the answer.
+        // The receiver below waits for the answer, so sending does not fail.
         let _ = send.send(work.await);
     });
     receive.recv().map_err(|_| Fault::bug("a request to an object store ended without a response"))
@@ -249,7 +249,7 @@ impl Bucket {
         Err(self.cut(key))
     }
 
-    /// Writes an object to the file `to`, which is on the disk on return. Returns whether the object exists.
+    /// Writes an object to the file `to` and syncs the file to the disk. Returns whether the object exists.
     ///
     /// # Errors
     /// Fails if the server cannot be reached or reports an error, the object does not have the given `size`, or the
@@ -349,7 +349,8 @@ impl Bucket {
                     (None, PutMode::Create) => {}
                     (None, PutMode::Overwrite | PutMode::Update(_)) => return Ok(false),
                 },
-                // The client does not repeat such a request, because it does not compare the existing object.
+                // The HTTP client does not repeat such a request, because it cannot compare the existing object; this
+                // loop does.
                 Err(e) if last || !is_unanswered(&e) => return Err(self.fault("write", key, &e)),
                 Err(_) => {}
             }
@@ -357,7 +358,7 @@ impl Bucket {
         }
     }
 
-    /// Writes the file `from` as an object, which appears when it is complete.
+    /// Writes the file `from` as an object. The object becomes visible only when it is complete.
     ///
     /// # Errors
     /// Fails if the file cannot be read, or the server cannot be reached or reports an error.
@@ -381,7 +382,7 @@ impl Bucket {
                     Err(e) => Err(Error::Generic { store: "local file", source: Box::new(e) }),
                 };
                 if let Err(e) = sent {
-                    // The parts are invisible; a lifecycle rule of the bucket removes parts that the abort leaves.
+                    // Uploaded parts are invisible. If the abort fails, a lifecycle rule of the bucket can remove them.
                     let _ = upload.abort().await;
                     return Err(e);
                 }

@@ -19,7 +19,7 @@ use super::{address::ObjectAddress, connect::endpoint};
 /// Folder of the cache.
 ///
 /// # Errors
-/// Fails if the environment specifies none.
+/// Fails if the environment specifies no folder.
 fn folder() -> Result<PathBuf, Fault> {
     let set = |name: &str| env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let own = set("MAGLINE_CACHE");

@@ -9,7 +9,7 @@ use object_store::{
 };
 use reqwest::{Client, Proxy, redirect::Policy};
 
-/// Maximum time of a request, and of its connection.
+/// Time limits of a request and of establishing its connection.
 const LONGEST: Duration = Duration::from_secs(60);
 const CONNECTED: Duration = Duration::from_secs(5);
 /// Maximum number of redirects within a server.

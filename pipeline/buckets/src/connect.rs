@@ -64,7 +64,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
 
     use super::client::SameOriginConnector;
 
-    /// Default maximum times of a request, and of its connection.
+    /// Default time limits of a request and of establishing its connection.
     const TIMES: [(ClientConfigKey, &str, &str); 2] = [
         (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
         (ClientConfigKey::ConnectTimeout, "CONNECT_TIMEOUT", "5 seconds"),
@@ -140,7 +140,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
     Ok(Bucket::new(objects, address.clone()))
 }
 
-/// Checks an S3 endpoint: an address, with TLS unless the environment permits an address without TLS.
+/// Checks an S3 endpoint: it must be an address, with TLS unless the environment permits plain HTTP.
 #[cfg(feature = "object-stores")]
 fn allowed(endpoint: &str) -> Result<(), Fault> {
     no_password(endpoint)?;

@@ -126,7 +126,7 @@ impl BucketCache {
             if path.is_dir() {
                 self.forget(&path, known, are_of);
             } else if !known.contains(&path) && are_of(&path) && !entry.file_name().to_string_lossy().starts_with('.') {
-                // A copy that cannot be removed is out of date but never used: the listing names the inputs.
+                // A copy that cannot be removed is never used, because only objects of the listing are inputs.
                 let _ = fs::remove_file(&path);
             }
         }
@@ -173,7 +173,7 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
         return Err(Fault::new(format!("there is no object or folder {address}")));
     }
     let stems: BTreeSet<&str> = wanted.iter().map(|key| stem(key)).collect();
-    // The stem of a companion may be longer by an extension: `a.tif` and `a.tif.aux.xml`.
+    // The stem of a companion may include a further extension: `a.tif` and `a.tif.aux.xml`.
     let is_wanted =
         |o: &&ObjectEntry| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_companion(key, &o.key));
     let brought: Vec<&ObjectEntry> = all.iter().filter(is_wanted).collect();
@@ -222,7 +222,7 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder)
 }
 
-/// Copies the object of `path`, a file of the cache that another file in the cache refers to; ignores other paths.
+/// Copies the object behind `path`, a file of the cache to which another file of the cache refers. Ignores other paths.
 ///
 /// # Errors
 /// Fails if the server cannot be reached or reports an error.
@@ -274,7 +274,7 @@ mod tests {
         copies.bucket.put("f/a.csv", b"two".to_vec()).unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");
-        // The length reveals an object that was written between listing and reading.
+        // An object that was written between listing and reading is detected by its length.
         copies.bucket.put("f/a.csv", b"four".to_vec()).unwrap();
         let before = listed();
         copies.bucket.put("f/a.csv", b"three".to_vec()).unwrap();

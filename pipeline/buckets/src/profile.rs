@@ -76,7 +76,7 @@ impl AwsProfile {
         }
     }
 
-    /// Profile `name` in these strings; later ones take precedence over earlier ones.
+    /// Profile `name` in these texts; later texts take precedence over earlier texts.
     fn from_texts(texts: &[String], name: &str) -> Option<AwsProfile> {
         let mut all: Option<HashMap<String, String>> = None;
         for keys in texts.iter().filter_map(|text| section(text, name)) {

@@ -41,7 +41,7 @@ fn ending(tail: &str) -> String {
 
 fn without_answer(text: &str) -> String {
     let Some((at, mark)) = ANSWERS.iter().filter_map(|mark| text.find(mark).map(|at| (at, *mark))).min() else {
-        // This is still a document.
+        // An error without such a phrase may still contain a document of the server.
         return text.split('<').next().unwrap_or_default().to_owned();
     };
     let (before_answer, answer) = text.split_at(at + mark.len());
@@ -51,7 +51,7 @@ fn without_answer(text: &str) -> String {
     format!("{before_answer}{status}{}", code(body).map(|code| format!(" {code}")).unwrap_or_default())
 }
 
-/// Code of the error in an answer, which is one plain word.
+/// Error code in an answer; `None` unless it is one plain word.
 fn code(body: &str) -> Option<&str> {
     let (_, rest) = body.split_once("<Code>")?;
     let (code, _) = rest.split_once("</Code>")?;

@@ -72,7 +72,7 @@ impl Canvas {
         wide.abs() / self.width
     }
 
-    /// Left edge of the area in the picture, which is centred.
+    /// Left edge of the area, which is centred in the picture.
     fn left(&self) -> f64 {
         LEFT + 0.5 * (SIDE - LEFT - RIGHT - self.width).max(0.0)
     }
@@ -125,7 +125,7 @@ impl Canvas {
         }
     }
 
-    /// Round length, in metres and px.
+    /// Length of the scale bar, a round number of metres; in metres and in px.
     fn scale(&self) -> (f64, f64) {
         let metres = round_below(0.3 * self.width * self.metres_per_px());
         (metres, metres / self.metres_per_px())
@@ -142,7 +142,7 @@ impl Canvas {
         (0..4).filter(|c| Some(*c) != taken).min_by_key(|c| covered(*c)).unwrap_or(0)
     }
 
-    /// Upper left end of an object of that size in a corner.
+    /// Upper left corner of an object of this size that is placed in a corner of the area.
     fn place(&self, corner: usize, (width, height): (f64, f64)) -> (f64, f64) {
         const MARGIN: f64 = 6.0;
         let (left, right) = (MARGIN, self.width - width - MARGIN);

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::ticks::{self, AxisTick};
 
 const WIDTH: f64 = 940.0;
-/// Width of a chart in a row of two, with letters of the same size.
+/// Width of each chart in a row of two; the letters keep their size.
 const HALF: f64 = 466.0;
 /// Minimum width of the labels of the vertical axis, and width of a digit.
 const LEFT: f64 = 64.0;
@@ -154,7 +154,7 @@ impl LineChart {
         let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
         let left = x.from_px;
         let (wide, high) = (self.width() - left - RIGHT, self.height - TOP - BOTTOM);
-        // The script of the page zooms with these figures.
+        // The script of the page needs these values to zoom.
         let data = |axis: &PixelAxis| format!("{} {} {}", axis.low, axis.high, u8::from(axis.log));
         html! {
             svg.plot data-x=(data(x)) data-y=(data(y)) data-x-name=(self.x.label) data-y-name=(self.y.label)

@@ -8,8 +8,8 @@ use super::{
 };
 use schemas::Fault;
 
-/// Maximum number of nodes per axis of the reduced map from which the colour scale is made, independent of the size of
-/// a picture.
+/// The colour scale is made from a reduced map with at most this number of nodes per axis, so that it does not depend
+/// on the size of the picture.
 const SCALE_NODES: usize = 1024;
 
 /// Colour scale of a map.
@@ -29,7 +29,7 @@ pub fn shrink(picture: &MapPicture) -> f64 {
     }
 }
 
-/// Map prepared for pictures of about one size.
+/// Map prepared for pictures of similar size.
 pub struct ColouredMap<'a> {
     sheet: DisplayGrid,
     lights: Option<Vec<f64>>,

@@ -87,7 +87,7 @@ fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     out
 }
 
-/// Edges from `start` on, removed from `links`.
+/// Follows a line from the edge `start`, removes its links, and returns its edges.
 fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
     let mut line = vec![start];
     let mut at = start;

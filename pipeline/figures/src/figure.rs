@@ -26,7 +26,7 @@ const TITLE: (f64, f64) = (16.0, 21.0);
 const TITLE_LINES: usize = 4;
 /// Gap between the frame and the colour bar.
 const TO_BAR: f64 = 18.0;
-/// Map height below which the colour bar is placed under the map.
+/// The colour bar is placed under a map that is lower than this.
 const LOW: f64 = 150.0;
 /// Minimum width of the frame; longer maps are drawn out of proportion.
 const NARROWEST: f64 = 30.0;

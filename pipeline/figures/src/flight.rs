@@ -74,7 +74,7 @@ const BETWEEN: f64 = 12.0;
 const TITLE: (f64, f64) = (16.0, 21.0);
 /// Letter size of the names of parts.
 const PART: f64 = 11.0;
-/// Width of a part below which the name of the part is omitted above the panels.
+/// The name of a part narrower than this is omitted above the panels.
 const NARROW: f64 = 8.0;
 
 /// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
@@ -393,7 +393,7 @@ mod tests {
 
     #[test]
     fn unit_undrawable_input_is_skipped_or_rejected() {
-        // The position is constant, then unknown.
+        // Cases: a constant position, then an unknown position.
         assert!(drawn(&[5.0; 400], &[1; 400], "a").is_ok());
         let nowhere = drawn(&[f64::NAN; 400], &[1; 400], "a").unwrap();
         assert!(nowhere.contains("not known") && !nowhere.contains("east ("));

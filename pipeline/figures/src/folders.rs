@@ -14,7 +14,7 @@ use super::{
 pub struct EarthArea {
     /// Name.
     pub name: String,
-    /// Text that a click shows.
+    /// Text shown on a click.
     pub about: String,
     /// Latitudes of the corners, degrees, counterclockwise; the first is not repeated.
     pub lat_deg: Vec<f64>,

@@ -131,7 +131,7 @@ pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f6
         }
         AxisQuantity::Metres => ticks::linear(range.0, range.1, most),
     };
-    // Space for a label and a gap; the widest label if all labels are in one row.
+    // Space that a label needs along the axis: its height on a vertical axis, the widest label on a horizontal axis.
     let label = match side {
         MapAxis::Up => TICK,
         MapAxis::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),

@@ -7,7 +7,7 @@ use super::scene::{BLACK, PaperPoint, TextAnchor};
 
 /// Width and height of a letter's cell.
 const CELL: (usize, usize) = (7, 16);
-/// Row of the cell with the base line.
+/// Row of the cell that contains the base line.
 const BASE: f64 = 13.0;
 /// Letter size at which the cell has its original height.
 const SIZE: f64 = 12.0;
@@ -29,7 +29,7 @@ pub fn text(pixmap: &mut Pixmap, at_px: PaperPoint, text: &str, size_px: f64, an
         TextAnchor::End => 1.0,
     };
     let (long, high) = (strip.width as f64 * enlarge, CELL.1 as f64 * enlarge);
-    // Upright in the frame of the text, whose origin is the upper left of its first cell; on whole pixels.
+    // Origin of the text, on whole pixels: the upper left corner of its first cell when the text is upright.
     let (from_x, from_y) = match turned {
         false => ((at_px.0 - back * long).round(), (at_px.1 - BASE * enlarge).round()),
         true => ((at_px.0 - BASE * enlarge).round(), (at_px.1 + back * long).round()),

@@ -22,14 +22,14 @@ use super::{
 };
 use crate::png_file::{PixelFormat, encode};
 
-/// Track for Google Earth. NaN in any of its columns interrupts it.
+/// Track for Google Earth. NaN in any column interrupts the track.
 #[derive(Clone, Copy, Debug)]
 pub struct EarthTrack<'a> {
     /// Name.
     pub name: &'a str,
     /// Latitudes, in degrees.
     pub lat_deg: &'a [f64],
-    /// Longitudes, in degrees, of any turn.
+    /// Longitudes, in degrees; they may be off by full turns.
     pub lon_deg: &'a [f64],
     /// Heights, in metres. KML interprets them as above mean sea level; heights above the ellipsoid are off by the
     /// geoid's height.

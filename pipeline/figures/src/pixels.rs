@@ -94,7 +94,7 @@ impl Painter {
         self.line(outline(&free, false), width, ink, within);
     }
 
-    /// A line along the pixels covers whole pixels.
+    /// Draws a horizontal or vertical line, which covers whole pixels.
     fn level(&mut self, line: &[PaperPoint], width: f64, ink: Ink) {
         let [a, b] = line else { return };
         let pen = (width * self.scale).round().max(1.0);
@@ -158,7 +158,7 @@ impl Painter {
     }
 }
 
-/// Colour at `along`, 0 to 1, between even stops.
+/// Colour at `along`, 0 to 1, between evenly spaced stops.
 fn faded(colours: &[[u8; 3]], along: f64) -> [u8; 3] {
     let place = along.clamp(0.0, 1.0) * colours.len().saturating_sub(1) as f64;
     let at = |k: f64| colours.get(k as usize).copied().unwrap_or_default().map(f64::from);

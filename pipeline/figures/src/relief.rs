@@ -154,8 +154,8 @@ mod tests {
     #[test]
     fn unit_plane_has_uniform_lambertian_light() {
         let shade = HillShading { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
-        // 45 degrees, flattened to a rise of 1 in the square root of 2, down to the east towards the light. Expected:
-        // the cosine between the slope's normal and the light, relative to level ground.
+        // A slope of 45 degrees, flattened to a rise of 1 in the square root of 2, which descends to the east, towards
+        // the light. Expected: the cosine between the slope's normal and the light, relative to level ground.
         let steep = (0.5f64).sqrt().atan();
         let exact = (60f64.to_radians() - steep).cos() / 60f64.to_radians().cos();
         for light in lit(6, 5, |x, _| -7.0 * x, &shade) {
@@ -197,7 +197,7 @@ mod tests {
                 let part = k as f64 / STEPS as f64;
                 let own = oklab(lit.colour(part, 1.0));
                 let dim = oklab(lit.colour(part, 0.7));
-                // Colours are multiples of 1/255: half a step of the darkest is 0.02 in Oklab.
+                // Colours are multiples of 1/255; for the darkest colours, half a step is 0.02 in Oklab.
                 assert!((dim[0] - 0.7 * own[0]).abs() < 0.02, "{palette:?} {part}");
                 assert!((dim[1] - 0.7 * own[1]).abs() < 0.02 && (dim[2] - 0.7 * own[2]).abs() < 0.02);
                 assert!(oklab(lit.colour(part, 1.3))[0] > own[0]);

@@ -63,7 +63,7 @@ pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
         .collect()
 }
 
-/// Power of ten with its exponent, the label format of an axis that extends beyond 0.001 to 10000.
+/// Label of a power of ten with its exponent: the format on an axis that extends below 0.001 or above 10000.
 fn power_of_ten(k: i32) -> String {
     if k == 0 || k == 1 {
         return fixed(10f64.powi(k), 0);

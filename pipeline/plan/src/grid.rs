@@ -18,11 +18,11 @@ pub struct SweepGrid {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SweepGridSide {
-    /// The axis, as a position in the spec; the first axis of several that are searched together.
+    /// The axis, as a position in the spec; if several axes are searched together, the first of them.
     axis: usize,
     /// Number of axes that are searched together, starting with this one.
     together: usize,
-    /// The number of the axis values.
+    /// The number of axis values.
     length: usize,
     /// The stride of the axis values in the index.
     stride: usize,

@@ -48,7 +48,8 @@ pub(super) struct NodeKeys {
     to_data: SweepPointMap,
     /// Maximum number of lines of a point; 1 for a survey stage.
     width: u64,
-    /// First numbers, in the cache, of the keys of units, of their data, and of their columns.
+    /// First numbers in the cache: for the keys of units, for the keys of their data, and for the keys of their
+    /// columns.
     units: u64,
     data_units: Option<u64>,
     columns: u64,

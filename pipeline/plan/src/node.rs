@@ -106,7 +106,7 @@ impl TableNode {
         &self.grid
     }
 
-    /// Whether it is one small file, such as models and scores.
+    /// Whether it is one small file, as for models and scores.
     pub fn is_small(&self) -> bool {
         self.entry.yields.is_small()
     }
@@ -151,7 +151,7 @@ impl TableNode {
         let (mut found, mut last): (Vec<Column>, &[Arc<Column>]) = (vec![], &[]);
         for table in &self.tables {
             let columns = table.shape().columns.shared();
-            // Most columns equal those of the previous table.
+            // Most columns are shared with the previous schema.
             let is_shared = |i: usize, c: &Arc<Column>| last.get(i).is_some_and(|other| Arc::ptr_eq(other, c));
             let others = columns.iter().enumerate().filter(|(i, c)| !is_shared(*i, c)).map(|(_, c)| c.as_ref());
             found.extend(others.filter(|c| seen.insert(c.name.as_str())).cloned());

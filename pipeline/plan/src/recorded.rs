@@ -29,7 +29,7 @@ pub struct RecordedPlan {
     /// Description of the machine's arithmetic, for messages and comparison.
     arithmetic: String,
     arithmetic_key: HashKey,
-    /// Name of the spec's file, which names a pipeline without a name.
+    /// Name of the spec's file, from which a pipeline without a name gets its name.
     file: String,
     text: String,
     sets: Vec<String>,

@@ -190,7 +190,7 @@ impl Flights {
     }
 }
 
-/// The number of threads for each of a number of files that are read in parallel.
+/// Number of threads per file if `files` files are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
     // If there are at least as many files as threads, one thread reads each file. With several threads per file, a

@@ -419,7 +419,8 @@ fn question(entry: &StageEntry, stage: &AnyStage) -> HashKey {
     HashKey::from_parts(what.into_iter().chain(words))
 }
 
-/// The table that later stages see. The inputs of its columns belong to the stage that made them.
+/// The table that later stages see. Its columns list no inputs; only the stage that made a column lists the column's
+/// inputs.
 fn outcome(entry: &StageEntry, yields: &StageSchema, first: Option<&Table>) -> Table {
     let made = yields.columns.iter().map(|c| Arc::new(Column { from: vec![], ..c.clone() }));
     let from = first.map(|t| t.shape().columns.shared()).unwrap_or_default();

@@ -144,7 +144,7 @@ fn table(graph: &PlanGraph, store: &Store, t: usize, node: &TableNode, cost: Opt
 /// Maximum number of combinations of parameters that are compared one by one.
 const LOOKED_AT: usize = 10_000;
 
-/// Parameters over all points. A word replaces values that differ between points.
+/// Parameters over all points. If the values of a parameter differ between points, a word replaces them.
 fn parameters(graph: &PlanGraph, t: usize) -> String {
     let mut all: Vec<(&str, Option<String>)> = vec![];
     for i in graph.plan.tables[t].parameter_points(LOOKED_AT) {

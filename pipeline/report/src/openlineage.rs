@@ -52,7 +52,7 @@ pub fn facet(version: &str, name: &str, body: Value) -> Value {
     whole
 }
 
-/// Run of a scheduler that started this run.
+/// Scheduler's run that started this run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParentRun {
     namespace: String,

@@ -238,7 +238,7 @@ impl StoreView {
         Ok(self.pipeline(name)?.notes.parameters())
     }
 
-    /// A string that differs after a run has published tables.
+    /// Hash of the published versions, which changes whenever a run publishes tables.
     pub fn changed(&self) -> String {
         let state = |name: &String| {
             self.pipeline(name)

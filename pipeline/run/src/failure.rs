@@ -19,8 +19,8 @@ pub struct Failure {
     pub fault: Fault,
 }
 
-/// Separates metrics that could not be computed from all other warnings. Such a metric is a failure if the `metrics` of
-/// its table list it. A default metric is skipped with a warning.
+/// Divides warnings into failures and remaining warnings. A metric that could not be computed is a failure if its table
+/// sets `metrics`. A default metric is skipped with a warning.
 pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
     let named = |w: &Warning| {
         let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));

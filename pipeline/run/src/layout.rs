@@ -15,8 +15,8 @@ use super::cut::TableAssembler;
 
 /// Size of a chunk in memory, in bytes.
 const CHUNK_BYTES: usize = 8 << 20;
-/// Number of points of one line up to which a chunk may exceed its size, so that its points share the computations of
-/// the line.
+/// A chunk may exceed its size if it has at most this number of points of one line, so that its points share the
+/// computations of the line.
 const POINTS_TOGETHER: usize = 8;
 
 /// Units of a table in the order of its rows, in chunks.

@@ -16,7 +16,8 @@ use store::Store;
 
 use super::{Event, INTERRUPTED, Listener, SilentListener, held::LineColumnCache, work::UnitWorker};
 
-/// Tries the remedies of the worst warning of each kind, and adds the first that improves its line to its cause.
+/// Tries the remedies of the worst warning of each kind. The first remedy that improves the warning's line is added to
+/// the warning's cause.
 /// A warning that equals one of the last run keeps its cause without a trial.
 ///
 /// # Errors
@@ -91,8 +92,8 @@ struct TriedRemedies<'a> {
 }
 
 impl TriedRemedies<'_> {
-    /// The first remedy that removes all flags of the line of a warning, else the first that improves it, with its
-    /// figures.
+    /// The first remedy that removes all flags of the warning's line, else the first that improves the line; with the
+    /// figures of its trial.
     fn improvement(
         &mut self,
         flagged: &FlaggedLine,

@@ -30,7 +30,7 @@ pub struct DoctorArgs {
     store: Option<PathBuf>,
 }
 
-/// Free space below which a warning is given, in bytes. A simulated survey of an hour has a tenth of it.
+/// Less free space than this causes a warning, in bytes. A simulated survey of an hour occupies a tenth of it.
 const LITTLE_SPACE: u64 = 2_000_000_000;
 /// Number of open files that a run over many lines requires.
 const OPEN_FILES: u64 = 1024;

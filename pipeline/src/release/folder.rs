@@ -185,7 +185,7 @@ fn sync(folder: &Path) -> io::Result<()> {
 
 impl Drop for FolderDraft {
     fn drop(&mut self) {
-        // A settled folder is gone; otherwise its files have only temporary names.
+        // A settled folder was renamed, so nothing is removed; an unsettled folder is temporary.
         let _ = fs::remove_dir_all(&self.path);
     }
 }

@@ -236,7 +236,7 @@ pub struct RestrictedReleaseColumn {
     pub column: String,
     /// Columns on the way from this column to the restricted column, as `table.column`.
     pub through: Vec<String>,
-    /// Rule by which a table among them is not an aggregate.
+    /// Rule that prevents the table of one of these columns from counting as an aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
     /// Reason of the restriction.

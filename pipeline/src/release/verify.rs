@@ -100,7 +100,7 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
 /// Maximum size of a file whose size no document lists, in bytes.
 const DOCUMENT: u64 = 256 << 20;
 
-/// Size of each file in the documents, in bytes.
+/// Size of each file as listed in the documents, in bytes.
 type DocumentedSizes = BTreeMap<String, u64>;
 
 fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) -> DocumentedSizes {

@@ -273,7 +273,7 @@ impl FlightSqlService for StoreQueryService {
         query: CommandPreparedStatementQuery,
         request: Request<PeekableFlightDataStream>,
     ) -> Result<DoPutPreparedStatementResult, Status> {
-        /// More rows than used need not be read.
+        /// One row is used, so reading stops at the second row.
         const ROWS: usize = 2;
         let data = request.into_inner().map_err(FlightError::from);
         let mut rows = FlightRecordBatchStream::new_from_flight_data(data);

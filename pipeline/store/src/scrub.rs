@@ -161,7 +161,7 @@ fn small(root: &Path, checks: RecordChecks, found: &mut ScrubReport) -> Result<(
     Ok(())
 }
 
-/// Folders of small files that verify themselves, in a folder and in an object store alike.
+/// Folders of small files that verify themselves; stores on disk and in object stores have the same ones.
 pub(super) const SMALL: [&str; 5] = ["sources", "plans", "runs", COSTS, checkpoints::FOLDER];
 
 /// Whether the file `name` of one of the folders [`SMALL`] is intact.

@@ -76,7 +76,7 @@ pub struct ServerState {
     pub token: blake3::Hash,
     /// Values of the header `Host` that are answered.
     pub hosts: [String; 2],
-    /// The page. It does not depend on the contents of the store, so that no client waits for it.
+    /// The page. It contains no data of the store, so that it is sent without delay.
     pub page: Bytes,
     /// Queue of the workers.
     pub queue: ComputeQueue,

@@ -165,7 +165,7 @@ fn serve<E: From<Fault> + Send>(
                 _ = has_failed.wait_for(|failed| *failed) => {}
             }
         });
-        // Connections hold the queues. The workers end when all of them are gone.
+        // Connections hold the queues. The workers end when all connections are closed.
         runtime.shutdown_background();
         let panicked = |_| Err(Fault::bug("the plan could not be made because of a panic").into());
         planning.map_or(Ok(()), |planning| planning.join().unwrap_or_else(panicked))

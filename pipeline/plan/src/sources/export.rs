@@ -185,7 +185,7 @@ impl LogExport<'_> {
             _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
         };
         let bytes = |path: &Path| {
-            // A format may be a folder, which the reader of the format handles.
+            // Data in some formats are a folder, which the reader of the format handles.
             if path.is_dir() {
                 return Ok("folder".to_owned());
             }
@@ -358,7 +358,7 @@ fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bo
     Ok(false)
 }
 
-/// Key of the inputs that a file records.
+/// Key of the inputs of a file, as recorded in the file.
 fn made_from(path: &Path) -> Option<HashKey> {
     let reader = SerializedFileReader::new(File::open(path).ok()?).ok()?;
     let pairs = reader.metadata().file_metadata().key_value_metadata()?.clone();

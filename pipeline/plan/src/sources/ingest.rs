@@ -81,7 +81,7 @@ struct IndexLine {
 }
 
 impl IndexLine {
-    /// Fault of a clock that is written as digits, such as 123456, for all lines of the file. A line shorter than a
+    /// Fault for all lines of the file: the time of day is written as digits, such as 123456. A line shorter than a
     /// minute does not show this fault.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
@@ -262,7 +262,7 @@ fn index(
     Ok((bytes, index, quality))
 }
 
-/// The rows of a batch in the lines of a table of lines, if any.
+/// Divides the rows of a batch into the lines of a table of lines, if there is such a table.
 pub(super) fn divided(
     divider: Option<&mut LineDivider>,
     batch: RecordBatch,

@@ -76,7 +76,7 @@ fn mixed(values: &[Literal]) -> Option<(usize, String)> {
     Some((i, format!("mixes a {} with a {}", values[0].type_name(), values[i].type_name())))
 }
 
-/// Converts integers to fractions in a list that has fractions.
+/// Converts integers to floating-point numbers in a list that contains floating-point numbers.
 fn one_type(values: Vec<Literal>) -> Vec<Literal> {
     if !values.iter().any(|v| matches!(v, Literal::Float(_))) {
         return values;
@@ -213,7 +213,7 @@ mod tests {
             let fault = values("mags", &value).unwrap_err().remove(0);
             assert!(fault.what.contains(expected_text) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
         }
-        // The axis has few subsets; all subsets of half of the entries would be hundreds of millions.
+        // The axis has few subsets; it would have more than a hundred million subsets with half of the entries.
         assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
     }
 

@@ -202,11 +202,11 @@ impl SearchSpec {
 
 /// The keys of `[search]`.
 pub struct SearchDocs {
-    /// Of `[search]`, without `axes`, `where` and `halving`.
+    /// Keys of `[search]`, without `axes`, `where` and `halving`.
     pub search: Vec<ParamDoc>,
-    /// Of an axis with two ends.
+    /// Keys of an axis with two ends.
     pub axis: Vec<ParamDoc>,
-    /// Of `halving`, without `values`.
+    /// Keys of `halving`, without `values`.
     pub halving: Vec<ParamDoc>,
 }
 

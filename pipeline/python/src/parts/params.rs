@@ -138,7 +138,7 @@ fn literal(value: &Value) -> Option<Literal> {
     })
 }
 
-/// Text for the rest of the process. Each registration of a part adds its names once.
+/// Text that is kept until the process ends. Each registration of a part adds the names of the part.
 pub fn leaked(text: &str) -> &'static str {
     Box::leak(text.to_owned().into_boxed_str())
 }

@@ -210,9 +210,9 @@ mod tests {
         let last = |name: &str| north.lines.iter().find(|l| l.name == name).unwrap().points[59].1;
         assert!((last("estimate") - 59.0).abs() < 0.01 && (last("INS alone") - 177.0).abs() < 0.03);
         assert!(east.lines[1].points.iter().all(|p| p.1.abs() < 1e-9));
-        // |k| <= 30 + 0.3 k up to the 42nd minute: 43 of 60.
+        // |k| <= 30 + 0.3 k holds from minute 0 to minute 42: 43 of 60 samples.
         assert!(north.caption.contains("within ±3σ for 71.7 % of the time"), "{}", north.caption);
-        // On the picture, the highest point of the band is also at three sigma of the last minute, 47.7 m.
+        // In the picture, too, the highest point of the band is at three sigma of the last minute: 47.7 m.
         let drawn = north.draw().unwrap().into_string();
         let spots = |class: &str| -> Vec<(f64, f64)> {
             let path = drawn.split(&format!("class=\"{class}\"")).nth(1).unwrap();

@@ -46,8 +46,8 @@ pub fn section(
     })
 }
 
-/// The block of the points `rows`, at most `left` bytes. `lines` reads the scores of single lines for some metrics, of
-/// `entries` points and lines.
+/// The block of the points `rows`, at most `left` bytes. `lines` reads the scores of single lines for some metrics;
+/// there are `entries` pairs of a point and a line.
 ///
 /// # Errors
 /// Fails if the scores of lines cannot be read.

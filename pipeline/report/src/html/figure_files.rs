@@ -1,7 +1,7 @@
 //! The figures of a report as SVG files, for papers and slides.
 //!
 //! Each file has the styles and definitions that it uses, with the colours of the light theme as plain values, because
-//! programs for papers know neither variables nor media queries.
+//! the programs in which papers and slides are written support neither variables nor media queries.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -245,7 +245,7 @@ impl<'a> StyleSheet<'a> {
         text
     }
 
-    /// A string with the values of variables.
+    /// The text with each variable replaced by its value.
     fn resolved(&self, text: &str) -> String {
         self.variables.iter().fold(text.to_owned(), |text, (name, value)| text.replace(&format!("var({name})"), value))
     }

@@ -70,7 +70,7 @@ pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     Ok(out)
 }
 
-/// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are not scores.
+/// Adds the values of the `declared` metrics at one point, except numbers of samples, which are not scores.
 fn add(metrics: &mut Vec<IntervalRow>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<Metric>) {
     let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());

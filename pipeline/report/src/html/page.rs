@@ -65,7 +65,7 @@ pub fn page_foot(runs: &[(String, String)]) -> Markup {
 /// The page.
 pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
-    // Results of another spec or other data have another run.
+    // Outdated tables are from another spec or other data, so the last run is not the run of this page.
     let last = history::past(source.store.root(), &spec.name).pop().filter(|_| !alerts.outdated);
     let runs: Vec<(String, String)> = last.into_iter().map(|run| (spec.name.clone(), run.run)).collect();
     let has_series = sections.iter().any(|s| s.0.contains("class=\"series-index\""));

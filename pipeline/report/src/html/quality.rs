@@ -313,7 +313,7 @@ fn dead_zone(column: &QualityColumn) -> QualityFigure {
     shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(QualityFigure::DeadZone)
 }
 
-/// Findings of an examination in a column.
+/// Findings of the examination of a column.
 fn findings(column: &QualityColumn) -> Markup {
     let found: Vec<&QualityMeasure> =
         column.figures.values().filter(|m| matches!(m.check, QualityFigure::Found(_))).collect();

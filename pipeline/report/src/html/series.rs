@@ -39,7 +39,7 @@ const FLAGGED: usize = 2;
 const CURRENTS: usize = 3;
 /// Element of a list of modes: the weight of the most probable mode.
 const FIRST_WEIGHT: &str = "weight_1";
-/// Attitude, the first group of columns that a table has.
+/// Columns of the attitude; the first group that a table has is shown.
 const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pitch", "ins_yaw"]];
 
 /// The section; `None` without a line. Subtracts its size from `left`, in bytes.

@@ -31,7 +31,7 @@ pub fn fault(e: &DataFusionError, session: &SqlSession, query: &str) -> Fault {
         root => {
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
-            // Offsets of strings and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
+            // Offsets of strings and lists have 31 bits; DataFusion's tasks panic at larger offsets.
             let lower = text.to_lowercase();
             let too_long = ["offset overflow", "size overflow", "failed to allocate"].iter().any(|w| lower.contains(w));
             if text.contains("panicked") || too_long {

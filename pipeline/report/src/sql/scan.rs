@@ -1,8 +1,8 @@
 //! The published tables of a version for DataFusion. Every byte is verified by its checksum, a file is opened only when
 //! a query names its table, and data that statistics exclude are not decoded.
 //!
-//! A query of columns that a table holds reads its files, row group by row group. A query of columns that pass through
-//! reads the table unit by unit, each column from the unit that holds it.
+//! A query that needs only columns in the files of a table reads these files, row group by row group. A query that
+//! needs columns that pass through reads the table unit by unit, each column from the unit that holds it.
 
 use std::{
     collections::{BTreeMap, HashMap, HashSet},

@@ -38,8 +38,8 @@ pub struct NavigationSettings {
     /// Bias between the height of the INS and the height on the map, and its standard deviation, at the last sample, in
     /// metres; `None` if the bias is not a state.
     pub height_bias_m: Option<(f64, f64)>,
-    /// Standard deviation of the initial position, and the largest one over which the map is linear, in metres. `None`
-    /// for a filter that does not linearise the map.
+    /// Standard deviation of the initial position, and the distance over which the map is linear, in metres. `None` for
+    /// a filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
 }
 

@@ -125,7 +125,8 @@ pub struct Improvement {
 /// Compares a flagged line before and after a trial; `None` if it did not improve.
 ///
 /// With a true position, the flag must vanish without a larger DRMS, or the DRMS must be at least 20 % smaller with a
-/// NEES that is no farther from 2. Without one, the flag of the innovations must vanish. No other flag may appear.
+/// NEES that is no farther from 2. Without a true position, the flag of the innovations must vanish. No other flag may
+/// appear.
 pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics) -> Option<Improvement> {
     let flags = |row: &LineMetrics| -> Vec<WarningKind> {
         of_navigation(row, NavigationSettings::default()).into_iter().map(|w| w.kind).filter(|k| k.spoils()).collect()

@@ -61,8 +61,9 @@ impl LineMetrics {
         self.0.get(metric.metric.name).copied()
     }
 
-    /// A number of measurements divided by the number of those that the filter considers: a filter uses only a part of
-    /// the samples if their errors are correlated. Divided by all samples without a count of the used measurements.
+    /// A number of measurements divided by the number of measurements that the filter considers: a filter uses only a
+    /// part of the samples if their errors are correlated. If the used measurements are not counted, the divisor is the
+    /// number of all samples.
     fn share(&self, metric: &Scorer) -> Option<f64> {
         let (count, n) = self.counted(metric).filter(|(_, n)| *n > 0)?;
         let others = [&track::SAMPLES_OFF_MAP, &track::SAMPLES_GATED, &track::SAMPLES_FLAT];

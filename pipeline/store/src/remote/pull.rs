@@ -241,7 +241,8 @@ impl RemoteStore {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // The object is read before the lock is checked, because a process that takes the lock later replaces it.
+        // The object is read before the lock is checked, because a process that takes the lock after the check replaces
+        // the object.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");

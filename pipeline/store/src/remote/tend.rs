@@ -55,7 +55,7 @@ impl RemoteStore {
             for (i, number) in all.into_iter().enumerate() {
                 let list = self.bucket.about(&format!("versions/{name}/{number}/version.json"))?;
                 let old = list.is_none_or(|o| is_old(&o, what.older_than));
-                // A number above the newest is being written, or was never published.
+                // A version with a higher number than the newest is being written, or was never published.
                 let unfinished = busy && now.is_none_or(|now| number > now);
                 if i < spare && now != Some(number) && old && !unfinished {
                     done.versions.push(format!("{name}/{number}"));
