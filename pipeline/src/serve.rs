@@ -54,9 +54,9 @@ pub struct ServerSettings {
 
 /// Number of threads for connections; queries have separate threads.
 const CONNECTION_THREADS: usize = 2;
-/// Time that open answers have to end after a stop.
+/// After a stop, open answers must end within this time.
 const GRACE: Duration = Duration::from_secs(3);
-/// Time after which a silent client counts as disconnected.
+/// A client counts as disconnected after this time without a message.
 const ALIVE: Duration = Duration::from_secs(30);
 /// Maximum size of a message from a client: a query, or the values of its parameters, in bytes. Answers are sent in
 /// messages of about 2 MB.

@@ -7,7 +7,7 @@ use schemas::Fault;
 /// Kind of object store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ObjectStoreScheme {
-    /// Amazon S3, and servers with the same interface: MinIO, Ceph, Garage.
+    /// Amazon S3, and servers with the same interface, such as MinIO, Ceph and Garage.
     S3,
     /// Google Cloud Storage.
     Gs,
@@ -35,7 +35,7 @@ pub struct ObjectAddress {
     pub scheme: ObjectStoreScheme,
     /// Name of the bucket.
     pub bucket: String,
-    /// Name of the object, or a common prefix, without slashes at its ends; may be empty.
+    /// Name of an object or a common prefix, without slashes at either end; may be empty.
     pub key: String,
 }
 
@@ -94,7 +94,7 @@ fn shown(scheme: &str) -> String {
 }
 
 impl ObjectAddress {
-    /// Address of the name `key` below this address.
+    /// Address of the object `key` below this address.
     pub fn below(&self, key: &str) -> ObjectAddress {
         let joined = [self.key.as_str(), key].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/");
         ObjectAddress { key: joined, ..self.clone() }

@@ -223,7 +223,7 @@ impl Bucket {
         }
     }
 
-    /// Range of bytes of an object; `None` if missing.
+    /// Bytes of an object in a range; `None` if the object is missing.
     ///
     /// # Errors
     /// Fails if the server cannot be reached or reports an error, or if the object is shorter.

@@ -44,8 +44,8 @@ fn stem(key: &str) -> &str {
     key.get(..before + cut).unwrap_or(key)
 }
 
-/// Whether an object is a companion of `key`, such as the header of a grid: in the same folder, with the same name up
-/// to a dot.
+/// Whether an object is a companion of `key`, such as the header of a grid: it is in the same folder, and its name is
+/// equal up to a dot.
 fn is_companion(key: &str, other: &str) -> bool {
     parts(key).0 == parts(other).0
         && other.strip_prefix(stem(key)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))

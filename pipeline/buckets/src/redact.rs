@@ -6,7 +6,7 @@ const LONGEST: usize = 400;
 const HIDDEN: &str = "***";
 /// Minimum length of a secret: shorter values would occur in ordinary words.
 const SHORTEST: usize = 6;
-/// Words in the names of variables that hold secrets, and prefixes of the names of such variables.
+/// Words that occur in the names of variables with secrets, and prefixes of such names.
 const SECRETS: [&str; 8] = ["SECRET", "TOKEN", "KEY", "PASSWORD", "SAS", "CREDENTIAL", "SIGNATURE", "AUTHORIZATION"];
 const PROVIDERS: [&str; 6] = ["AWS_", "AZURE_", "GOOGLE_", "GCP_", "OPENLINEAGE_", "MAGLINE_"];
 /// Phrases before a server's own text, which may repeat parts of the request.

@@ -131,7 +131,8 @@ impl Canvas {
         (metres, metres / self.metres_per_px())
     }
 
-    /// Corner, other than `taken`, that covers the fewest spots: bottom left, top right, bottom right, top left.
+    /// Number of the corner, other than `taken`, that covers the fewest spots; in the order bottom left, top right,
+    /// bottom right, top left.
     fn corner(&self, spots: &[(f64, f64)], size: (f64, f64), taken: Option<usize>) -> usize {
         const AROUND: f64 = 8.0;
         let covered = |corner: usize| {

@@ -80,7 +80,7 @@ pub struct LineChart {
     pub marks: Vec<(String, f64, f64)>,
     /// Height of the picture, in pixels.
     pub height: f64,
-    /// Whether the chart has half the width, for a row of two.
+    /// Whether the chart has half the width, for a row of two charts.
     pub half: bool,
 }
 

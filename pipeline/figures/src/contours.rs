@@ -119,7 +119,7 @@ fn cuts(sheet: &DisplayGrid, row: usize, column: usize, level: f64) -> Vec<(usiz
         [a, b] => vec![(a, b)],
         [south, east, north, west] => {
             let mean_above = corners.iter().sum::<f64>() >= 4.0 * level;
-            // The south-west corner is cut off if it is not on the side of the middle.
+            // The south-west corner is cut off if it and the middle of the cell are on different sides of the level.
             if above[0] == mean_above { vec![(south, east), (north, west)] } else { vec![(south, west), (east, north)] }
         }
         _ => vec![],
@@ -152,7 +152,7 @@ mod tests {
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
         assert_eq!(circle[0].first(), circle[0].last());
-        // Between nodes, linear interpolation of the cone has an error of 1/8 of the curvature, which is 1/12.
+        // Between nodes, linear interpolation of the cone has an error of 1/8 of the curvature; the curvature is 1/12.
         assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
         let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
         let line = drawn(6, &plane, 2.0);
@@ -168,8 +168,8 @@ mod tests {
             ends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
             (drawn(2, &saddle, level).len(), ends)
         };
-        // Below the mean the two high corners are one area. The two low corners, south-east and north-west, are cut
-        // off.
+        // At a level below the mean, the two high corners belong to one area. The two low corners, south-east and
+        // north-west, are cut off.
         let (count, _) = joined(0.4);
         assert_eq!(count, 2);
         for line in drawn(2, &saddle, 0.4) {

@@ -30,8 +30,8 @@ pub struct FlightPart {
 pub struct TimePanel<'a> {
     /// Quantity and unit.
     pub label: &'a str,
-    /// Full turn of an angle. A line is broken where its value changes by more than half a turn from one sample to the
-    /// next.
+    /// Full turn, if the quantity is an angle. A line is broken where its value changes by more than half a turn from
+    /// one sample to the next.
     pub turn: Option<f64>,
     /// Name, colour and values of each line, one value per time; NaN breaks a line. A single line needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,

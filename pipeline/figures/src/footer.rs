@@ -33,7 +33,7 @@ pub enum LegendEntry {
 }
 
 impl LegendEntry {
-    /// Scale bar of a round length of at most `most` on the paper.
+    /// Scale bar with a round length on the ground, at most `most` long on the paper.
     pub fn scale(metres_per_unit: f64, most: f64) -> LegendEntry {
         let metres = ticks::round_below(most * metres_per_unit);
         LegendEntry::Scale(metres / metres_per_unit, metres)

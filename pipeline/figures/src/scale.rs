@@ -33,7 +33,7 @@ pub struct ColourScale {
     knots: Vec<(f64, f64)>,
     palette: Palette,
     equalised: bool,
-    /// Whether there are values below the first value and above the last value of the scale.
+    /// Whether there are values below the first value of the scale, and whether there are values above the last value.
     pub beyond: (bool, bool),
 }
 

@@ -1,8 +1,8 @@
 //! Result tables of magline as Polars [`LazyFrame`]s.
 //!
 //! A published table is a folder of plain Parquet files, `<store>/tables/<pipeline>/<table>/`. Its first columns are
-//! the axes of the sweep, flight, line and time; the columns that the stage made follow. [`scan`] opens one by the name
-//! that `magline sql` gives it; filters and projections are pushed down into the files.
+//! the axes of the sweep, flight, line and time; the columns that the stage made follow. [`scan`] opens a table by the
+//! name that the table has in `magline sql`; filters and projections are pushed down into the files.
 //!
 //! ```no_run
 //! use polars::prelude::*;

@@ -43,7 +43,7 @@ pub struct PlanBuilder<'a> {
     pub map_shapes: [Arc<Table>; 2],
     /// Schema that stages see, for each map of `maps`.
     pub wholes: Vec<Arc<Table>>,
-    /// Tables of files already opened, by name and use; `None` if a file could not be opened.
+    /// Opened tables of files, by name and use; `None` if a file could not be opened.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
     pub tables: Vec<TableNode>,
     /// Faulty stages; their dependents are not checked.

@@ -121,7 +121,7 @@ impl<'a> PlanGraph<'a> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
-        // The lines come from the records, so each record is found among them.
+        // `lines` is made from all records, so it contains the line of each record.
         let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
         let records: Vec<BTreeMap<LineId, LineRecord>> =
             sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();

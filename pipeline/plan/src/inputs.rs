@@ -18,7 +18,7 @@ use crate::{
     spec::{SourceDecl, StageDecl},
 };
 
-/// Maximum number of different names from one string with axes.
+/// Maximum number of different names that one string with axes may give.
 const MOST_NAMES: usize = 1_000_000;
 
 impl PlanBuilder<'_> {

@@ -41,21 +41,21 @@ const WAITING: usize = 16;
 #[derive(Clone, Copy, Debug)]
 struct ConnectionLimits {
     strangers: usize,
-    /// Unauthenticated clients of one address.
+    /// Maximum number of unauthenticated clients of one address.
     of_address: usize,
     known: usize,
     patience: Duration,
 }
 
 impl ConnectionLimits {
-    /// Limits for a number of file descriptors, half of which are for connections.
+    /// Limits for a process with this number of file descriptors; half of them are for connections.
     fn from_descriptors(descriptors: usize) -> ConnectionLimits {
         let strangers = (descriptors / 8).clamp(4, MOST_STRANGERS);
         let known = (descriptors * 3 / 8).clamp(4, MOST_KNOWN);
         ConnectionLimits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
     }
 
-    /// Limits of this process, whose limit of file descriptors is raised to the maximum.
+    /// Limits of this process, after its limit of file descriptors is raised to the maximum.
     fn of_process() -> ConnectionLimits {
         let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((256, 256));
         let raised = setrlimit(Resource::RLIMIT_NOFILE, hard, hard).is_ok();

@@ -44,7 +44,7 @@ pub struct PartDecl {
     source: String,
     /// Documentation.
     doc: String,
-    /// Module and qualified name of the function or class. Only the same one may replace a part.
+    /// Module and qualified name of the function or class. Only the same function or class may replace a part.
     origin: String,
     params: Vec<PartParamDecl>,
 }

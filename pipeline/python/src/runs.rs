@@ -38,7 +38,7 @@ const ROWS: usize = 100;
 pub struct SpecSource {
     /// The file, or the name of the text in messages.
     pub file: PathBuf,
-    /// Folder to which the paths of a spec given as text are relative.
+    /// Folder from which relative paths start if the spec is given as text.
     pub folder: PathBuf,
     /// The text; without it, the file is read.
     pub text: Option<String>,

@@ -1,7 +1,7 @@
 //! Coastlines of Natural Earth at the scale 1:50,000,000.
 //!
-//! The vendored file holds polylines: their number, then of each the number of its points and the differences of
-//! longitude and latitude between consecutive points, in steps of 0.005°. All numbers have 7 bits a byte, least
+//! The vendored file holds polylines: their number, then for each polyline the number of its points and the differences
+//! of longitude and latitude between consecutive points, in steps of 0.005°. All numbers have 7 bits a byte, least
 //! significant first; differences are zigzag coded. `datasets/reference/make_coastline.py` makes the file.
 
 /// The polylines.
@@ -128,7 +128,7 @@ mod tests {
         // Counts of `make_coastline.py`.
         assert_eq!((all.len(), all.iter().map(Vec::len).sum::<usize>()), (1429, 44_020));
         assert!(all.iter().flatten().all(|[lon, lat]| lon.abs() <= 180.0 && lat.abs() <= 90.0));
-        // The southern tip of Africa, Cape Agulhas: 34.833 S, 20.0 E. The tolerance is that of the scale.
+        // The southern tip of Africa, Cape Agulhas: 34.833 S, 20.0 E. The tolerance is the resolution of the scale.
         let cape = coastlines(GeographicRegion { west: 19.5, east: 20.5, south: -35.2, north: -34.0 });
         let south = cape.iter().flatten().map(|p| p[1]).fold(f64::INFINITY, f64::min);
         assert!((south + 34.83).abs() < 0.06, "{south}");

@@ -1,4 +1,5 @@
-//! `magline report`: a run as one page of tables and plots that needs only a browser, or its tracks for Google Earth.
+//! `magline report`: a run as one page of tables and plots that needs only a browser, or the run's tracks for Google
+//! Earth.
 //!
 //! Data are read column by column and line by line, so that memory use does not grow with the sweep. The page contains
 //! no time, host name or path, so the same store and spec give the same bytes.

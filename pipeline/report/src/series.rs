@@ -127,7 +127,7 @@ pub struct Series {
     pub batch: RecordBatch,
     /// Whether the rows are minima and maxima.
     pub is_thinned: bool,
-    /// The largest difference of a stored value of each column from its original, in the unit of the column.
+    /// For each column, the largest difference between a stored value and its original, in the unit of the column.
     pub errors: Vec<f64>,
 }
 
@@ -213,7 +213,7 @@ fn intervals(tt: &[f64], rows: Range<usize>, pixels: usize) -> Vec<Range<usize>>
     let mut found: Vec<Range<usize>> = vec![];
     let mut current = usize::MAX;
     for row in rows.clone() {
-        // A row without a time stays in the interval of the row before it.
+        // A row without a time stays in the interval of the previous row.
         let at = if tt[row].is_nan() { current } else { (((tt[row] - low) * per_s) as usize).min(pixels - 1) };
         match found.last_mut() {
             Some(last) if at == current => last.end = row + 1,

@@ -36,7 +36,7 @@ pub use progress::RunProgress;
 use scores::HeldBlocks;
 use table::ViewTable;
 
-/// Time after which a pipeline is checked for a new version.
+/// Interval of checks for a new version of a pipeline.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// Size of the cache of columns, in bytes.
 const HELD_BYTES: usize = 128 << 20;

@@ -39,7 +39,7 @@ pub struct RunRecord {
 /// The last key of a line.
 const LAST: &str = "\"sum\":\"";
 
-/// Checksum of a line as it is written: parsed numbers may differ from it in the last bit.
+/// Checksum of the text of a line, because parsed numbers may differ from the written numbers in the last bit.
 fn sum_of(line: &str) -> Option<String> {
     let (others, _) = line.rsplit_once(LAST)?;
     Some(HashKey::from_parts([format!("{others}{LAST}\"}}").into_bytes()]).to_string())

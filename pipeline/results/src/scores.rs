@@ -20,7 +20,7 @@ pub struct Scores {
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// The largest number of lines of a row, in sample or not.
     pub lines: usize,
-    /// Number of flagged lines of each row: lines on which the filter diverged or its covariance is wrong.
+    /// Number of flagged lines of each row: lines on which the filter diverged or the filter's covariance is wrong.
     pub marks: Vec<usize>,
     /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance.
     pub cautious: Vec<usize>,
@@ -33,8 +33,8 @@ pub struct Scores {
 pub struct InSampleScores {
     /// Number of in-sample lines.
     pub lines: usize,
-    /// Number of the other lines, over which the values of the row are pooled; if it is 0, the values are pooled over
-    /// the in-sample lines.
+    /// Number of out-of-sample lines, over which the values of the row are pooled; if there are none, the values are
+    /// pooled over the in-sample lines.
     pub held_out: usize,
     /// For each metric, whether its value comes only from in-sample lines.
     pub metrics: Vec<bool>,

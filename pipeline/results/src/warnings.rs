@@ -110,7 +110,7 @@ fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warn
     Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
 }
 
-/// The warnings of the scores `row` of one line of a navigation with these settings. They have no stage, point and
+/// The warnings of the scores `row` of one line of a navigation with these settings. The warnings lack stage, point and
 /// line.
 pub fn of_navigation(row: &LineMetrics, settings: NavigationSettings) -> Vec<Warning> {
     let facts = LineFacts { row, settings: Some(settings) };

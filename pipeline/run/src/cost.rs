@@ -140,7 +140,7 @@ pub fn estimate(graph: &PlanGraph, store: &Store, threads: usize) -> Result<RunC
     Ok(RunCost { tables, overhead_s, overhead_clock_s, threads, speed, measured: known.own, assumed: 0 })
 }
 
-/// Expected times of units, which determine the size of a task.
+/// Expected times of units; the size of a task follows from them.
 pub struct UnitTimeModel {
     known: CostModel,
     speed: f64,
@@ -162,7 +162,8 @@ impl UnitTimeModel {
     }
 }
 
-/// Time in which the program starts and reads its plan on a machine of speed 1, in seconds; used until measured.
+/// Start-up time of the program, including the reading of its plan, on a machine of speed 1, in seconds; used until it
+/// is measured.
 const START_S: f64 = 0.03;
 /// Number of disk syncs per file: one for the content, one for the name.
 const SYNCS_A_FILE: f64 = 2.0;

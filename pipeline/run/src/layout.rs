@@ -15,8 +15,8 @@ use super::cut::TableAssembler;
 
 /// Size of a chunk in memory, in bytes.
 const CHUNK_BYTES: usize = 8 << 20;
-/// A chunk may exceed its size if it has at most this number of points of one line, so that its points share the
-/// computations of the line.
+/// A chunk may exceed its size while it holds at most this number of points, all of one line, so that these points
+/// share the computations of the line.
 const POINTS_TOGETHER: usize = 8;
 
 /// Units of a table in the order of its rows, in chunks.
@@ -103,7 +103,7 @@ pub fn cover(
     PackCover { packs: packs.into_iter().map(|(_, id)| id).collect(), covered }
 }
 
-/// Whether a number of packs is too large for a table of a number of chunks.
+/// Whether a table of `chunks` chunks has too many packs.
 pub fn scattered(packs: usize, chunks: usize) -> bool {
     packs > 2 * chunks + 16
 }

@@ -17,7 +17,7 @@ pub struct TaskList {
     pub units: Vec<(String, usize)>,
     /// Number of units that wait for others, or cannot be computed.
     pub skipped: usize,
-    /// Number of units with too many attempts that failed because of the machine.
+    /// Number of units that are not retried, because too many attempts failed on account of the machine.
     pub given_up: usize,
 }
 

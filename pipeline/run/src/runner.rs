@@ -125,8 +125,8 @@ impl<'a> PlanRunner<'a> {
         self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
     }
 
-    /// Whether a unit is not retried. If units are computed in this process, a unit is retried unless it has killed its
-    /// workers.
+    /// Whether a unit has failed too often to be retried. If units are computed in this process, only losses of workers
+    /// count.
     pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
         let counted = if self.is_remote { tries.all() } else { tries.lost };
         counted > self.options.retries

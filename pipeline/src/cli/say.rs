@@ -1,4 +1,4 @@
-//! Text to standard output and standard error, of any kind: a closed or full stream does not panic.
+//! Text to standard output and standard error of any kind, without a panic if the stream is closed or full.
 //!
 //! Results go to standard output. If the reader has closed the stream (`| head -1`), writing ends quietly. Any other
 //! failure, such as a full disk, is recorded by [`lost`] and sets the exit status. Text that cannot be written to

@@ -114,7 +114,8 @@ fn write(args: &SqlArgs, memory: usize, spill: PathBuf) -> Result<(), ExitReason
     Ok(())
 }
 
-/// Runs a query. A panic of DataFusion, such as for a string that is too long for its offsets, becomes an error.
+/// Runs a query. A panic of DataFusion becomes an error, for example the panic caused by a string that is too long for
+/// its offsets.
 pub fn answered(
     question: &StoreQuery,
     sink: &mut dyn BatchSink,

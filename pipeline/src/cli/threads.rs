@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// Number of threads that is accepted on every machine, so that scripts for larger machines run.
+/// Up to this number of threads is accepted on every machine, so that scripts written for larger machines run.
 const ALWAYS: usize = 64;
 /// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;

@@ -1,4 +1,4 @@
-//! Files that a run has read: named, hashed, and copied into the set on request.
+//! Input files of a run: named, hashed, and copied into the set on request.
 
 use std::{
     fs,

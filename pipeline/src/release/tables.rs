@@ -277,7 +277,7 @@ pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> 
         let mut lines: BTreeMap<(Option<String>, Option<String>), Vec<RowGroupSlice>> = BTreeMap::new();
         pieces.into_iter().for_each(|p| lines.entry(key(&p)).or_default().push(p));
         for ((flight, line), mut pieces) in lines {
-            // Rows of equal keys stay in their order, which is that of time.
+            // Rows of equal keys stay in their order, which is the order of time.
             pieces.sort_by(|a, b| in_order(&a.axes, &b.axes));
             let (flight, line) = (flight.unwrap_or_default(), line.unwrap_or_default());
             let path = line_path(&node.name, &flight, &line);

@@ -31,7 +31,7 @@ use super::{
 /// Maximum number of unused plans, and of prepared statements. Beyond this number, the oldest are dropped.
 const WAITING: u64 = 1024;
 const PREPARED: u64 = 4096;
-/// Time after which an unused plan is dropped.
+/// An unused plan is dropped after this time.
 const FORGOTTEN: Duration = Duration::from_secs(600);
 
 /// Query over one state of the store.

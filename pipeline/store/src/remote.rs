@@ -45,7 +45,7 @@ pub use tend::is_object_old;
 
 /// File of a cache with the address of its store.
 pub const MARK: &str = "REMOTE";
-/// Maximum number of times that a pack is read if its bytes differ from the written bytes.
+/// Maximum number of attempts to read a pack whose bytes differ from the written bytes.
 const TRIALS: usize = 3;
 /// Bytes at the end of a pack that are read first; most footers are shorter.
 const TAIL: u64 = 64 << 10;

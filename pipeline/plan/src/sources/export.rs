@@ -56,7 +56,7 @@ pub struct LogExport<'a> {
     pub options: FlightOptions,
     /// Mapping of its columns.
     pub mapped: Option<MappingTable>,
-    /// Lines of the file, if they differ from the lines of the log.
+    /// Division into lines, if it differs from the lines of the log.
     pub lines: Option<&'a LineTable>,
     /// The folder of the table.
     pub folder: PathBuf,

@@ -37,7 +37,7 @@ pub struct SearchTrialScore {
     pub goal: Option<f64>,
     /// The goal as a cost; smaller is better.
     pub cost: Option<f64>,
-    /// Number of lines that the goal is pooled over.
+    /// Number of lines over which the goal is pooled.
     pub lines: usize,
     /// Reason for a missing goal.
     pub error: Option<String>,

@@ -50,7 +50,7 @@ impl SpecFaults {
 /// Fault of an assignment, with its position in the assignment.
 fn on_command_line(fault: &Fault, set: &str, at: &SpecSpan) -> String {
     const BEFORE: &str = "--set ";
-    // A character that would break the line is shown in one column.
+    // A character that would break the line is replaced by a character that is one column wide.
     let line: String = set.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
     let chars = |to: usize| set.char_indices().take_while(|(i, _)| *i < to).count();
     let (from, to) = (chars(at.start), chars(at.end));

@@ -18,8 +18,8 @@ use super::{
     several,
 };
 
-/// Maximum number of stages. A spec with more stages should use an axis instead. Each stage may be a separate level of
-/// the plan.
+/// Maximum number of stages, which limits the depth of the plan, because each stage may be a separate level. A spec
+/// with more stages should use an axis instead.
 const MOST_STAGES: usize = 1_000;
 
 fn given(value: Literal, key_at: SpecSpan, at: SpecSpan) -> SpecEntry {

@@ -108,7 +108,7 @@ pub struct SearchSpec {
     pub generation: usize,
     /// The seed of all random draws.
     pub seed: u64,
-    /// The table of scores that the goal is in.
+    /// The table of scores that contains the goal.
     pub table: String,
     /// The metric.
     pub metric: String,

@@ -13,7 +13,7 @@ use super::{SpecSpan, TOP, publish::PROTECTION_KEYS};
 /// Keys whose value is always a string and therefore needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
-/// One assignment as two TOML documents, padded so that positions follow the spec's text.
+/// One assignment as two TOML documents, padded so that their byte positions continue after the spec's text.
 pub struct SetAssignment {
     /// The whole assignment, if it is TOML.
     whole: String,

@@ -26,7 +26,7 @@ pub fn tables(declared: Vec<SourceDecl>, faults: &mut Vec<Fault>) -> Vec<SourceD
 /// The tables of a declaration: the declaration itself, or a table `NAME_TABLE` for each entry of a list `table`.
 ///
 /// # Errors
-/// Fails for an entry that is no name of a table, or for two equal entries.
+/// Fails for an entry that is not the name of a table, or for two equal entries.
 fn spread(decl: SourceDecl) -> Result<Vec<SourceDecl>, Fault> {
     let Some(entry) = decl.options.get("table") else { return Ok(vec![decl]) };
     let Literal::List(items) = &entry.value else { return Ok(vec![decl]) };

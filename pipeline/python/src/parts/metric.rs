@@ -155,7 +155,7 @@ impl MetricPart {
     }
 }
 
-/// Value on a line: of the samples at which all arguments are finite.
+/// Value on a line, over the samples at which all arguments are finite.
 fn score(
     name: &'static str,
     run: &Py<PyAny>,

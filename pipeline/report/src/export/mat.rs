@@ -21,7 +21,7 @@ use schemas::Fault;
 
 use super::{TableWriter, write_failed};
 
-/// Largest size of a variable in bytes that MATLAB loads from a file of this level.
+/// Maximum size of a variable for MATLAB to load it from a file of this level, in bytes.
 const LARGEST: usize = (1 << 31) - 1;
 /// Largest number of characters of a variable's name.
 const NAME_LENGTH: usize = 63;
@@ -170,8 +170,8 @@ fn is_text(field: &Field) -> bool {
     !(kind.is_numeric() || matches!(kind, DataType::Boolean | DataType::Timestamp(..)))
 }
 
-/// Unused name of a variable: letters, digits and `_`, beginning with a letter. The name of a string leaves room for
-/// the name of its list.
+/// Unused name of a variable: letters, digits and `_`, beginning with a letter. The name of a string variable leaves
+/// room for the suffix of its list of strings.
 fn variable(name: &str, is_text: bool, taken: &mut HashSet<String>) -> String {
     let plain: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     let plain = if plain.starts_with(|c: char| c.is_ascii_alphabetic()) { plain } else { format!("x_{plain}") };

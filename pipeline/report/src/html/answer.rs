@@ -248,7 +248,7 @@ fn figure(metric: Metric, value: f64, over: Option<(MetricBaseline, f64)>, lines
     }
 }
 
-/// A name that fits beside the picture.
+/// A name, shortened to fit next to the picture.
 fn shortened(name: &str) -> String {
     const MOST: usize = 24;
     if name.chars().count() <= MOST {

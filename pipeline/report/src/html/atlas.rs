@@ -32,7 +32,7 @@ const SIGMAS: f64 = 3.0;
 /// middle ellipse.
 const ELLIPSES: usize = 16;
 const CLOSE: usize = 6;
-/// Minimum of the longest semi-axis on the picture; smaller ellipses are enlarged or shown in a detail view.
+/// Ellipses whose longest semi-axis on the picture is shorter than this are enlarged or shown in a detail view.
 const SMALLEST_PX: f64 = 6.0;
 /// Longest semi-axis of enlarged ellipses.
 const ENLARGED_PX: f64 = 18.0;
@@ -281,7 +281,7 @@ fn line(canvas: &Canvas, track: &DegreeTrack, class: &str) -> Markup {
     } else {
         path(spots.into_iter())
     };
-    // The estimate lies on the true track, which is wider, so that both are visible.
+    // The estimate is drawn over the true track, which is wider, so that both are visible.
     html! {
         @if !class.ends_with("over") { path.halo d=(&d) {} }
         path class=(format!("track {class}")) d=(d) {}

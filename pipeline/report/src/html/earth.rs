@@ -25,7 +25,7 @@ const ELLIPSES: usize = 60;
 const CORNERS: usize = 36;
 /// Size of the ellipses in standard deviations.
 const SIGMAS: f64 = 3.0;
-/// Colours of the report, except that a black true track is invisible on a picture of the ground.
+/// Colours of the report, except for the true track, because black is invisible on a picture of the ground.
 const TRUTH: [u8; 3] = [255; 3];
 const INS: [u8; 3] = [255, 122, 26];
 const ESTIMATE: [u8; 3] = [255, 79, 208];

@@ -229,7 +229,7 @@ impl<'a> StyleSheet<'a> {
         };
         let mut text = String::new();
         for (selector, declarations) in self.rules.iter().filter(|(selector, _)| applies(selector)) {
-            // On the page, the width of a figure is that of its column.
+            // On the page, a figure is as wide as its column.
             let kept: Vec<&str> = declarations
                 .split(';')
                 .map(str::trim)

@@ -43,7 +43,7 @@ fn measured(
     for (from, name) in
         [Some(r), subject.compensate].into_iter().flatten().flat_map(|r| names.clone().map(move |n| (r, n)))
     {
-        // Another table has other samples if it was cut or resampled.
+        // A table that was cut or resampled has other samples.
         let Some(mut signal) = source.floats(from, line, name)?.filter(|x| x.len() == rows) else { continue };
         for known in remaining(source.shape(from), name) {
             if let Some(field) = source.floats(from, line, known)?.filter(|x| x.len() == rows) {

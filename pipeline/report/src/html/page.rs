@@ -123,7 +123,7 @@ fn heading(source: &ReportSource) -> Markup {
     }
 }
 
-/// The number of samples of all lines. Several tables may hold the same line, so the longest of them counts.
+/// The number of samples of all lines. Several tables may hold the same line; the line's longest table counts.
 fn samples(rows: impl Iterator<Item = (LineId, usize)>) -> usize {
     let mut longest: BTreeMap<LineId, usize> = BTreeMap::new();
     for (line, rows) in rows {

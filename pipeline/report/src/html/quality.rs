@@ -307,7 +307,7 @@ fn rows(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityC
     }
 }
 
-/// The dead zone of a column: its shape if known, otherwise the report of the sensor.
+/// The figure on a column's dead zone: its shape if known, otherwise the dead zone as reported by the sensor.
 fn dead_zone(column: &QualityColumn) -> QualityFigure {
     let shapes = [QualityFigure::PolarDeadZone, QualityFigure::EquatorialDeadZone];
     shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(QualityFigure::DeadZone)

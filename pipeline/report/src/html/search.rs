@@ -22,7 +22,7 @@ use super::source::ReportSource;
 const HEIGHT: f64 = 280.0;
 /// Maximum number of trials that are listed and drawn.
 const MOST: usize = 1000;
-/// Ratio of the largest to the smallest goal above which the axis is logarithmic.
+/// The axis is logarithmic if the ratio of the largest to the smallest goal exceeds this.
 const WIDE: f64 = 8.0;
 
 /// One row of the table of trials.

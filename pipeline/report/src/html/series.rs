@@ -31,7 +31,7 @@ use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, 
 const COAST_MARGIN: f64 = 0.2;
 /// Maximum size of the coastlines, in bytes.
 const COAST_BYTES: usize = 120_000;
-/// Number of intervals of a block.
+/// Number of intervals into which the rows of a block are divided.
 const INTERVALS: usize = 2000;
 /// Maximum number of flagged points.
 const FLAGGED: usize = 2;

@@ -59,7 +59,7 @@ fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<
     Ok(Some(CompensationSignal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
-/// Subtracts the mean from the values and returns it.
+/// Subtracts the mean from the values and returns the mean.
 fn centre(x: &mut [f64]) -> f64 {
     let mean = statistics::mean(x).value;
     x.iter_mut().for_each(|x| *x -= mean);

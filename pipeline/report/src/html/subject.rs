@@ -14,7 +14,7 @@ pub struct ReportSubject {
     pub title: String,
     /// The point as text; empty without axes.
     pub point: String,
-    /// The score it was chosen by, as text.
+    /// The score by which it was chosen, as text.
     pub why: String,
     /// The table with the compensated signal.
     pub compensate: Option<TableRef>,
@@ -26,7 +26,7 @@ pub struct ReportSubject {
     pub fit: Option<TableRef>,
     /// The column of the true field, if the scores name this column.
     pub truth: Option<String>,
-    /// The score that it was chosen by.
+    /// The score by which it was chosen.
     pub chosen: Option<SubjectScore>,
 }
 
@@ -35,11 +35,11 @@ pub struct ReportSubject {
 pub struct ReportLine {
     /// The line.
     pub line: LineId,
-    /// The reason of its choice.
+    /// The reason for its choice.
     pub why: &'static str,
 }
 
-/// Score that a sweep point was selected by.
+/// Score by which a sweep point was chosen.
 pub struct SubjectScore {
     /// The score table and its instance at the point.
     at: (usize, usize),
@@ -79,7 +79,7 @@ pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubje
 /// Maximum number of lines shown for each further table of `navigate`, so that all tables fit on one page.
 const LINES: usize = 2;
 
-/// The board and metric that points are ranked by.
+/// The board and metric by which points are ranked.
 fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
@@ -190,7 +190,7 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     ReportSubject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }
 
-/// Text of a parameter in canonical spelling.
+/// The text in a parameter's canonical spelling; `None` if the parameter is not text.
 pub fn word(canonical: &str) -> Option<String> {
     let inner = canonical.strip_prefix('"')?.strip_suffix('"')?;
     Some(inner.to_owned())

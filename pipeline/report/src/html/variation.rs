@@ -19,7 +19,7 @@ struct Calibrations {
     axis: String,
     /// Whether the axis selects the rows of a fit; otherwise it is another parameter.
     of_rows: bool,
-    /// Points of these models in the table; of many points, an evenly spaced selection.
+    /// Points of these models in the table; if there are too many points, an evenly spaced selection.
     members: Vec<usize>,
     /// Number of all such models.
     all: usize,

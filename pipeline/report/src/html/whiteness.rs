@@ -167,7 +167,7 @@ mod tests {
     use crate::html::track::DegreeTrack;
 
     /// Innovations with a standard deviation of 5 nT and a correlation of `decay` between successive innovations; there
-    /// is an innovation every `every` samples of 0.1 s.
+    /// is one innovation in `every` samples, which are 0.1 s apart.
     fn example_tracks(updates: usize, decay: f64, every: usize) -> LineTracks {
         let mut normals = NormalGenerator::new(3);
         let (mut x, step) = (normals.draw(), (1.0 - decay * decay).sqrt());

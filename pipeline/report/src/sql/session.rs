@@ -1,4 +1,4 @@
-//! The tables of a store at one moment, and queries of them.
+//! The tables of a store at one moment, and queries of these tables.
 
 use std::{
     path::{Path, PathBuf},

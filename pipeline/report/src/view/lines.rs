@@ -131,7 +131,7 @@ impl StoreView {
     /// The times of a line and all samples of the requested columns.
     ///
     /// # Errors
-    /// Fails for an unknown table, line, point or column, or for limits that are exceeded. Also fails if the store is
+    /// Fails for an unknown table, line, point or column, or if a limit is exceeded. Also fails if the store is
     /// damaged.
     pub(super) fn samples(&self, request: &SeriesRequest) -> Result<(Arc<Vec<f64>>, Vec<SeriesColumn>), ViewFault> {
         window(request)?;
@@ -156,7 +156,7 @@ impl StoreView {
     /// A series as an Arrow IPC stream.
     ///
     /// # Errors
-    /// Fails for an unknown table, line, point or column, or for limits that are exceeded. Also fails if the store is
+    /// Fails for an unknown table, line, point or column, or if a limit is exceeded. Also fails if the store is
     /// damaged.
     pub fn series(&self, request: &SeriesRequest) -> Result<Vec<u8>, ViewFault> {
         let (window, (tt, columns)) = (window(request)?, self.samples(request)?);

@@ -159,7 +159,7 @@ impl StoreView {
     /// JSON. `ends` are latitude and longitude in degrees; distances are in metres on the WGS-84 ellipsoid.
     ///
     /// # Errors
-    /// Returns the errors of [`StoreView::map`]. Also fails for ends that are equal or no positions.
+    /// Returns the errors of [`StoreView::map`]. Also fails for ends that are equal or that are not positions.
     pub fn profile(&self, name: &str, point: &ViewPoint, ends: [(f64, f64); 2]) -> Result<Value, ViewFault> {
         let [from, to] = ends;
         let is_position = |(lat, lon): (f64, f64)| is_latitude_deg(lat) && lon.is_finite() && lon.abs() <= 720.0;

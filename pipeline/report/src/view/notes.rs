@@ -165,7 +165,7 @@ impl PipelineNotes {
         })
     }
 
-    /// Whether `table` is `of` or upstream of it.
+    /// Whether `table` is `of`, or is upstream of `of`.
     fn is_upstream(&self, table: &str, of: &str) -> bool {
         let (mut open, mut seen) = (vec![of], HashSet::new());
         while let Some(name) = open.pop() {

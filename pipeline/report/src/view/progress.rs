@@ -28,7 +28,7 @@ const COUNT_EVERY: Duration = Duration::from_secs(1);
 const POOL_EVERY: Duration = Duration::from_secs(5);
 /// Pause after a count or pooling, as a multiple of its duration.
 const PAUSE: u32 = 5;
-/// Age of the last renewal at which a lease no longer counts as a run in progress.
+/// A lease whose last renewal is older than this no longer counts as a run in progress.
 const SILENT: Duration = Duration::from_secs(35);
 /// Maximum number of kinds of failures.
 const MOST_FAILURES: usize = 200;

@@ -41,11 +41,11 @@ pub(super) struct PooledCell {
     pub metric: usize,
     /// Value over the held-out lines or, if there are none, over the in-sample lines.
     pub value: Option<f64>,
-    /// Number of samples or pairs of the value.
+    /// Number of samples or pairs from which the value is computed.
     pub n: usize,
-    /// Number of lines of the value.
+    /// Number of lines over which the value is pooled.
     pub lines: usize,
-    /// Whether the value is of in-sample lines.
+    /// Whether the value is computed from in-sample lines.
     pub in_sample: bool,
     value_in_sample: Option<f64>,
     lines_in_sample: usize,
@@ -65,7 +65,7 @@ pub(super) struct PooledScores {
     pub cells: Vec<PooledCell>,
 }
 
-/// The flagged lines of each point. The value is whether the filter is wrong and not only cautious.
+/// The flagged lines of each point. The map's value is `true` if the filter is wrong, and not only cautious.
 pub(super) type FlaggedLines = HashMap<(usize, String, String), bool>;
 
 impl StoreView {

@@ -8,7 +8,7 @@ use crate::spectrum::{ColumnSpectrum, amplitude_spectrum};
 
 impl StoreView {
     /// Amplitude spectral densities of the requested columns in the requested interval, from all samples in it, as
-    /// JSON. The unit of a density is that of the column per √Hz.
+    /// JSON. The unit of a density is the unit of the column per √Hz.
     ///
     /// # Errors
     /// Returns the errors of [`StoreView::series`]. Also fails for times that are not evenly spaced.

@@ -23,7 +23,7 @@ pub enum WarningKind {
     HeightBias,
     /// The gate rejects many measurements as outliers.
     Gated,
-    /// The test of GNSS positions rejected some.
+    /// The test of GNSS positions rejected some of them.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
     OffMap,

@@ -8,10 +8,10 @@ use stages::score::{Scorer, track};
 use super::{LineFacts, LineMetrics, NavigationSettings, WarningKind, of_navigation};
 use crate::text::number;
 
-/// Keys of the assumed noise. Without them, the likelihood of the innovations determines the noise.
+/// Keys of the assumed noise. Without these keys, the likelihood of the innovations determines the noise.
 const NOISE_KEYS: [&str; 5] = ["tuning", "measurement_sigma_nt", "fogm_sigma_nt", "fogm_tau_s", "offset_window_s"];
 
-/// Keys of the initial estimate. Without them, the columns of the flight determine it.
+/// Keys of the initial estimate. Without these keys, the columns of the flight determine the initial estimate.
 const START_KEYS: [&str; 6] = [
     "start",
     "init_position_sigma_m",
@@ -21,10 +21,11 @@ const START_KEYS: [&str; 6] = [
     "init_heading_sigma_deg",
 ];
 
-/// Largest ratio of the DRMS with a remedy to the DRMS without it that counts as equal accuracy.
+/// Two accuracies count as equal if the ratio of the DRMS with a remedy to the DRMS without it is at most this.
 const EQUAL_DRMS: f64 = 1.05;
 
-/// Largest ratio of the DRMS with a remedy to the DRMS without it that counts as an improvement if the flag remains.
+/// If the flag remains, a remedy is an improvement if the ratio of the DRMS with the remedy to the DRMS without it is
+/// at most this.
 const BETTER_DRMS: f64 = 0.8;
 
 /// Change of the keys of a navigation that may remove a warning.

@@ -227,7 +227,7 @@ fn error_chain(e: &dyn Error) -> String {
     all.join(": ")
 }
 
-/// Cause of a missing answer: a scheduler without our key, or an unreachable one.
+/// Cause of a missing answer: a scheduler without our key, or an unreachable scheduler.
 fn scheduler_fault(e: &(dyn Error + 'static)) -> SchedulerFault {
     let of_key = |e: &(dyn Error + 'static)| {
         let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);

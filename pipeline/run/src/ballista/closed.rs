@@ -33,7 +33,7 @@ use super::units::MARK;
 /// Maximum length of a job's name.
 const LONGEST_NAME: usize = 64;
 
-/// Physical plan of a job, or of a task of it.
+/// Physical plan of a job, or of one of its tasks.
 #[derive(Clone, Debug)]
 pub struct JobPlan(PhysicalPlanNode);
 

@@ -70,12 +70,12 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Maximum time of a request to the scheduler.
 const ANSWER: Duration = Duration::from_secs(20);
-/// Interval between the reports of an executor that finishes its tasks before it stops.
+/// Interval between the reports of a stopping executor that still finishes its tasks.
 const FINISHING_EVERY: Duration = Duration::from_secs(1);
-/// Time without a report after which the tasks of a stopping executor are dispatched to others, and time after which a
-/// stopped executor is removed.
+/// The tasks of a stopping executor are dispatched to others after this time without a report, and a stopped executor
+/// is removed after this time.
 pub const GRACE: Duration = Duration::from_secs(3);
-/// Number of failed reports in a row after which the scheduler counts as lost.
+/// The scheduler counts as lost after this number of consecutive failed reports.
 const MOST_LOST: usize = 5;
 /// Maximum number of attempts to report the end of a task.
 const TRIES: usize = 3;

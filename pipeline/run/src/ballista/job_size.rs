@@ -6,7 +6,7 @@ const JOB_S: f64 = 0.06;
 /// cores finish together.
 const MAX_OVERHEAD: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
-/// Time of the scheduler for a job, in seconds; it handles jobs one after another.
+/// Time that the scheduler needs for a job, in seconds; the scheduler handles jobs one after another.
 const SCHEDULING_S: f64 = 0.02;
 /// Jobs per core: one running, one waiting.
 pub const JOBS_A_CORE: usize = 2;

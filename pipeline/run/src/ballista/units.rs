@@ -30,7 +30,7 @@ use futures::TryStreamExt;
 
 use crate::{children::ProcessStopHandle, task::VERSION};
 
-/// Time after a stop signal within which a worker process must finish its unit.
+/// After a stop signal, a worker process must finish its unit within this time.
 const GRACE: Duration = Duration::from_secs(10);
 
 /// Wire form of a task.

@@ -36,7 +36,7 @@ const MOST_TRIES: usize = 4;
 const MOST_RESTARTS: usize = 20;
 /// Interval of checks of the cluster.
 const LOOKS_EVERY: Duration = Duration::from_secs(2);
-/// Interval of checks of long jobs, and age at which a job is long.
+/// Interval of checks of long jobs, and age from which a job counts as long.
 const LONG: Duration = Duration::from_secs(15);
 /// Delay between a failed job and the next job.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
@@ -52,7 +52,7 @@ struct WaveJob {
     looked: Instant,
     /// Whether all results were in the store at the last check.
     there: bool,
-    /// Time since which no worker computes the job.
+    /// Start of the period without a worker that computes the job; `None` while a worker computes it.
     idle: Option<Instant>,
 }
 

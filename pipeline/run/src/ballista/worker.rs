@@ -37,7 +37,7 @@ use crate::{
 
 /// Lifetime of a process without a task. While the process lives, the store counts as in use.
 const RESTS: Duration = Duration::from_secs(5);
-/// Time during which a rejected task is retried, because a shared folder may show new files late.
+/// A rejected task is retried for this time, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Interval of checks of the scheduler.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);

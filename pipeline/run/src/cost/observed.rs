@@ -51,7 +51,7 @@ pub struct TableWork {
     pub packs: f64,
     /// Numbers per written row.
     pub width: f64,
-    /// Bytes in memory at once: the largest files of all threads.
+    /// Bytes in memory at once, if each thread holds one of the largest files.
     pub held: f64,
 }
 

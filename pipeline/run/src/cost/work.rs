@@ -19,7 +19,7 @@ use crate::{cut::TableAssembler, layout::TableLayout};
 
 /// Number of points of a line that are computed together.
 const TOGETHER: usize = 8;
-/// Maximum number of lines that determine the sampling rate of a table of flights.
+/// Maximum number of lines from which the sampling rate of a table of flights is determined.
 const LOOKED_AT: usize = 16;
 
 /// Missing units of a table, and the work that they require.

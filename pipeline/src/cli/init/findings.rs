@@ -13,7 +13,7 @@ use super::text::InitSource;
 
 /// Length of the running mean with which manoeuvres are compared, in seconds.
 const MEAN_S: f64 = 10.0;
-/// Ground speed above which an aircraft flies, in m/s.
+/// An aircraft counts as flying above this ground speed, in m/s.
 const FLYING_M_S: f64 = 3.0;
 /// Number of time steps from which the rate of a line is found.
 const STEPS: usize = 5_000;

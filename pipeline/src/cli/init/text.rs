@@ -42,7 +42,7 @@ pub struct InitText<'a> {
     pub questions: Vec<String>,
 }
 
-/// Change of direction of the vector magnetometer above which a line has manoeuvres, in degrees.
+/// A line has manoeuvres if the direction of the vector magnetometer changes by more than this, in degrees.
 const MANOEUVRE_DEG: f64 = 1.0;
 /// Minimum number of samples of a calibration line: the ends are trimmed, and 18 terms are fitted.
 const CALIBRATION_ROWS: usize = 200;
@@ -83,7 +83,7 @@ impl InitText<'_> {
 
     /// The calibration line: the line whose vector magnetometer turns most.
     fn calibration<'a>(&'a self, table: &'a TableFindings) -> Option<(&'a (String, String), &'a LineFinding)> {
-        // The angles are those of the table with a vector magnetometer.
+        // The angles are from the table with a vector magnetometer.
         let table = self.inputs().into_iter().find(|t| !t.vectors.is_empty()).unwrap_or(table);
         let long = table.lines.iter().filter(|(_, l)| l.rows >= CALIBRATION_ROWS);
         let swung = long.filter(|(_, l)| l.swing_deg.is_some_and(|x| x >= MANOEUVRE_DEG));

@@ -8,7 +8,7 @@ use std::{
 
 use schemas::Fault;
 
-/// The folder that a file is in.
+/// The folder that contains a file.
 fn folder(path: &Path) -> PathBuf {
     path.parent().filter(|p| !p.as_os_str().is_empty()).map_or_else(|| PathBuf::from("."), Path::to_owned)
 }

@@ -21,9 +21,9 @@ use crate::cli::say::err;
 const REQUEST: Duration = Duration::from_secs(5);
 /// Delay between two attempts.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// Number of consecutive unsent events after which sending ends.
+/// Sending ends after this number of consecutive unsent events.
 const ENOUGH: usize = 3;
-/// Maximum time that the end of a run waits for unsent events.
+/// At its end, a run waits for unsent events at most for this time.
 const FLUSH: Duration = Duration::from_secs(15);
 /// Path of the events below the address of a server.
 const ENDPOINT: &str = "/api/v1/lineage";

@@ -20,7 +20,7 @@ use super::{
     lease::is_lease_whole,
 };
 
-/// Age below which results are kept: workers of other machines may be about to reference them.
+/// Results newer than this are kept, because workers on other machines may be about to reference them.
 const YOUNG: Duration = Duration::from_secs(3600);
 
 /// Whether an object is at least `than` old, at the server time `now`.

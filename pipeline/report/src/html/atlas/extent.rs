@@ -24,7 +24,7 @@ pub fn around(tracks: &[DegreeTrack]) -> Option<Bounds> {
     Some(Bounds { lat: grow(b.lat, missing(high)), lon: grow(b.lon, missing(wide) / shrink) })
 }
 
-/// The distance of INS and truth (without truth: INS and estimate) at row `k`, in metres.
+/// The distance between INS and truth at row `k`, in metres; without truth, between INS and estimate.
 pub(super) fn separation(line_tracks: &LineTracks, k: usize) -> Option<f64> {
     apart(line_tracks.ins.as_ref()?, line_tracks.truth.as_ref().unwrap_or(&line_tracks.estimate), k)
 }
@@ -33,7 +33,7 @@ pub(super) fn own_error(line_tracks: &LineTracks, k: usize) -> Option<f64> {
     apart(&line_tracks.estimate, line_tracks.truth.as_ref()?, k)
 }
 
-/// The distance of two tracks at row `k`, in metres.
+/// The distance between two tracks at row `k`, in metres.
 pub fn apart(a: &DegreeTrack, b: &DegreeTrack, k: usize) -> Option<f64> {
     let at = |t: &DegreeTrack| Some((*t.lat.get(k)?, *t.lon.get(k)?));
     let (north, east) = EarthModel::default().offset_ne_m(at(b)?, at(a)?, 0.0);

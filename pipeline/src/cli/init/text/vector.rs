@@ -3,7 +3,7 @@
 
 use super::{InitText, TableFindings, quoted};
 
-/// Minimum duration of a log whose halves are calibrated, in seconds.
+/// The two halves of a log are calibrated only if the log is at least this long, in seconds.
 const LEAST_S: f64 = 60.0;
 
 /// The parts of a log that calibrate a vector magnetometer.
