@@ -1,7 +1,7 @@
 //! `magline serve`: the tables of a store over Arrow Flight SQL, read-only.
 //!
-//! A query reads the tables as they were when it was planned. It uses the session of `magline sql`, with the same
-//! rules. Results published later are visible to later queries. Answers are streamed during computation.
+//! A query reads the tables as they were when it was planned. The server uses the session of `magline sql`, with the
+//! same rules. Results published later are visible to later queries. Answers are streamed during computation.
 
 mod child;
 mod keys;

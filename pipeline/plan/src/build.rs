@@ -36,7 +36,7 @@ pub fn build(spec: Spec, catalogue: &[StageEntry], recorded: Option<&RecordedPla
     if faults.is_empty() { Ok(Plan { spec, flights, maps, tables, notes }) } else { Err(spec.faults(faults)) }
 }
 
-/// Tables that a run writes in addition to those of the stages.
+/// Tables that a run writes in addition to the tables of the stages.
 const RESERVED_TABLES: [(&str, &str); 5] = [
     ("failures", "failed results"),
     ("quality", "data quality"),

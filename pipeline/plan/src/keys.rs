@@ -42,9 +42,9 @@ impl ColumnNames {
 /// The properties of a table that determine its keys.
 pub(super) struct NodeKeys {
     pub(super) variants: Vec<Arc<VariantKeys>>,
-    /// The columns that it makes at any point.
+    /// The columns that the table makes at any point.
     pub(super) makes: Vec<ColumnNumber>,
-    /// Mapping from its points to the points at which its input data differ.
+    /// Mapping from the table's points to the points at which its input data differ.
     to_data: SweepPointMap,
     /// Maximum number of lines of a point; 1 for a survey stage.
     width: u64,

@@ -62,8 +62,8 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
     parse_spec(&file, folder, text, sets)
 }
 
-/// Parses the text of a spec and applies the assignments of `--set`. `file` is its name in messages; its paths are
-/// relative to `folder`.
+/// Parses the text of a spec and applies the assignments of `--set`. `file` is the name of the spec in messages;
+/// relative paths start from `folder`.
 ///
 /// # Errors
 /// Fails if its form is wrong, or its store cannot be prepared.
@@ -77,13 +77,13 @@ pub fn parse_spec(file: &str, folder: PathBuf, text: String, sets: &[String]) ->
 
 /// A checked pipeline.
 pub struct Plan {
-    /// The spec it was made from.
+    /// The spec from which the plan was made.
     pub spec: Spec,
-    /// The tables of flights that it reads.
+    /// The tables of flights that the spec reads.
     pub flights: Vec<Flights>,
-    /// The maps that it reads, and the models that were fitted elsewhere.
+    /// The maps that the spec reads, and the models that were fitted elsewhere.
     pub maps: Vec<MapSource>,
-    /// The tables of its stages, each after its inputs.
+    /// The tables of the stages, each after its inputs.
     pub tables: Vec<TableNode>,
     /// Automatic choices that are reported to the user.
     pub notes: Vec<String>,

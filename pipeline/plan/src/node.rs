@@ -20,7 +20,7 @@ use crate::{
 pub struct TableNode {
     /// Name in the spec.
     pub name: String,
-    /// The position of its declaration.
+    /// The position of the table's declaration.
     pub at: SpecSpan,
     /// Declaration, as a position in the spec's stages.
     pub decl: usize,
@@ -32,7 +32,7 @@ pub struct TableNode {
     pub variants: Vec<StageVariant>,
     /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,
-    /// Whether its results are stored; otherwise the results are recomputed on demand.
+    /// Whether the table's results are stored; otherwise they are recomputed on demand.
     pub keep: bool,
     pub(super) grid: SweepGrid,
     pub(super) slots: Vec<InputSlot>,
@@ -40,7 +40,7 @@ pub struct TableNode {
     pub(super) variant: SweepValues<u32>,
     /// A position in `tables`.
     pub(super) table: SweepValues<u32>,
-    /// The distinct schemas of its table.
+    /// The distinct schemas of the table.
     pub(super) tables: Vec<Arc<Table>>,
     /// Key of the computation at a point: stage, version and parameters.
     pub(super) questions: SweepValues<HashKey>,
@@ -50,9 +50,9 @@ pub struct TableNode {
 pub struct StageVariant {
     /// Inputs and outputs.
     pub yields: Arc<StageSchema>,
-    /// Schema of its table as seen by later stages.
+    /// Schema of the table as seen by later stages.
     pub table: Arc<Table>,
-    /// Predicate on rows, if it has a `where`.
+    /// Predicate on rows, if the stage has a `where`.
     pub predicate: Option<Arc<Predicate>>,
 }
 
@@ -91,7 +91,7 @@ impl InputTarget {
 }
 
 impl TableNode {
-    /// The number of its points of the sweep.
+    /// The number of the table's points of the sweep.
     pub fn len(&self) -> usize {
         self.grid.len()
     }
@@ -101,12 +101,12 @@ impl TableNode {
         self.len() == 0
     }
 
-    /// The numbers of its points.
+    /// The numbers of the table's points.
     pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
 
-    /// Whether it is one small file, as for models and scores.
+    /// Whether the table is one small file, as for models and scores.
     pub fn is_small(&self) -> bool {
         self.entry.yields.is_small()
     }
@@ -145,7 +145,7 @@ impl TableNode {
         self.grid.place(instance.index).filter_map(value).collect()
     }
 
-    /// The columns of all its points together, in order of first appearance.
+    /// The columns of all points of the table together, in order of first appearance.
     pub fn columns(&self) -> Vec<Column> {
         let mut seen: HashSet<&str> = HashSet::new();
         let (mut found, mut last): (Vec<Column>, &[Arc<Column>]) = (vec![], &[]);
@@ -189,7 +189,7 @@ impl TableNode {
 /// A stage at one point of the sweep. The value is made on demand, and copies are cheap.
 #[derive(Clone, Copy)]
 pub struct StageInstance<'p> {
-    /// The plan it belongs to.
+    /// The plan to which it belongs.
     pub plan: &'p Plan,
     /// The table of the stage.
     pub node: &'p TableNode,

@@ -13,7 +13,7 @@ use super::{LineId, PlanGraph, PlanUnit, TableNode, TableRef};
 
 impl TableNode {
     /// Meaning of the column [`IN_SAMPLE`] of a published table; `None` for a table without this column. Tables of line
-    /// scores and tables that pool them have this column.
+    /// scores have this column, and tables that pool line scores.
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {

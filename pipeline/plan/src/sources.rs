@@ -47,9 +47,9 @@ pub struct Flights {
     pub shape: TableShape,
     /// Arrow fields of all files together.
     pub schema: SchemaRef,
-    /// Notes on its files for the user.
+    /// Notes for the user on the files.
     pub notes: Vec<String>,
-    /// Whether the bytes of its files are read even if they appear unchanged.
+    /// Whether the bytes of the files are read even if the files appear unchanged.
     pub read_all: bool,
     /// Division of flights that replaces the lines of the files.
     division: Option<FlightDivision>,
@@ -223,7 +223,7 @@ enum MapSourceContent {
     /// A map.
     Map {
         options: MapOptions,
-        /// Whether it gives the error of each node.
+        /// Whether the map gives the error of each node.
         error: bool,
     },
     /// A model.
@@ -236,7 +236,7 @@ pub struct MapSource {
     pub name: String,
     /// File or folder.
     pub path: PathBuf,
-    /// Whether its bytes are read even if they appear unchanged.
+    /// Whether the bytes of the file are read even if the file appears unchanged.
     pub read_all: bool,
     content: MapSourceContent,
 }
@@ -286,7 +286,7 @@ impl MapSource {
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
-    /// Word for its content: map or model.
+    /// Word for the content of the table: map or model.
     pub fn word(&self) -> &'static str {
         match self.content {
             MapSourceContent::Map { .. } => "map",
@@ -315,7 +315,7 @@ impl MapSource {
         }
     }
 
-    /// The names of its columns.
+    /// The names of the table's columns.
     pub fn columns(&self) -> Vec<String> {
         match self.model() {
             None => {

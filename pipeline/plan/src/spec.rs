@@ -45,7 +45,7 @@ pub struct Spec {
     pub seed: u64,
     /// The store's folder.
     pub store: PathBuf,
-    /// Address of the store and its position, if it is in an object store. The folder is then a copy of it.
+    /// Address of the store and its position, if it is in an object store. The folder is then a copy of that store.
     pub store_at: Option<(ObjectAddress, SpecSpan)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
@@ -97,7 +97,7 @@ pub struct SweepAxis {
 /// One stage of the spec.
 #[derive(Clone, Debug)]
 pub struct StageDecl {
-    /// The name of the table it yields.
+    /// The name of the table that the stage yields.
     pub name: String,
     /// Position of the name.
     pub at: SpecSpan,
@@ -105,7 +105,7 @@ pub struct StageDecl {
     pub stage: (String, SpecSpan),
     /// The `where` of the stage, if set.
     pub predicate: Option<(String, SpecSpan)>,
-    /// Whether its table is published; later stages can read it in any case.
+    /// Whether the stage's table is published; later stages can read the table in any case.
     pub publish: bool,
     /// Columns that pass through it and are also written to its published table, each with position.
     pub carry: Vec<(String, SpecSpan)>,

@@ -12,7 +12,7 @@ const SHORTEST: usize = 16;
 const WRONG: &str =
     "the token is missing or wrong; send it as `authorization: Bearer TOKEN`, or as the password with any user name";
 
-/// Secret that clients must present. It is compared by its hash, in constant time.
+/// Secret that clients must present. The secret is compared by its hash, in constant time.
 #[derive(Clone)]
 pub struct Token {
     text: String,

@@ -1,5 +1,5 @@
 //! Connections to a port. An unauthenticated client is disconnected after ten seconds. If there are too many such
-//! clients, the next client disconnects one earlier. Idle connections thus cannot lock others out.
+//! clients, an earlier one is disconnected when the next one connects. Idle connections thus cannot lock others out.
 
 use std::{
     collections::BTreeMap,
@@ -145,7 +145,8 @@ impl Drop for ClientRecord {
 pub struct PortClient(Arc<ClientRecord>);
 
 impl PortClient {
-    /// Marks the client as authenticated, so that it stays connected. Returns `false` if there are too many.
+    /// Marks the client as authenticated, so that it stays connected. Returns `false` if there are too many
+    /// authenticated clients.
     pub fn admit(&self) -> bool {
         if self.0.known.load(Ordering::Relaxed) {
             return true;

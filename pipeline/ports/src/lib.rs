@@ -37,7 +37,7 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
         ));
     }
     let provider = rustls_graviola::default_provider();
-    // An earlier provider stays: it was installed by this program.
+    // If a provider is already installed, it stays, because this program installed it.
     let _ = provider.clone().install_default();
     Ok(Arc::new(provider))
 }

@@ -57,7 +57,7 @@ pub struct PartHead {
     doc: &'static str,
     origin: String,
     params: Vec<PartParam>,
-    /// The function that runs it.
+    /// The Python function that runs the part.
     run: Py<PyAny>,
 }
 

@@ -139,7 +139,7 @@ fn moments_of(a: &[f64], y: &[f64], runs: &[Range<usize>], filter: Option<FitFil
     Ok(moments.finish())
 }
 
-/// The field of a model at each row of `a`. With `detrend`, its mean is subtracted.
+/// The field of a model at each row of `a`. With `detrend`, the mean of the field is subtracted.
 #[pyfunction]
 pub fn predict<'py>(
     py: Python<'py>,

@@ -1,5 +1,5 @@
 //! Views of a plan and of the results of its runs: the HTML report, SQL, explain, why, lineage, and the reference of
-//! the stages. They read the store and change nothing.
+//! the stages. The views read the store and change nothing.
 
 mod coast;
 mod explain;

@@ -82,7 +82,7 @@ pub struct LineageRun {
     pub id: Uuid,
     /// The namespace of its jobs.
     pub namespace: String,
-    /// The run that started it.
+    /// The scheduler's run that started this run.
     pub parent: Option<ParentRun>,
     pipeline: String,
     spec: String,

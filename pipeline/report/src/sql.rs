@@ -55,7 +55,7 @@ pub trait BatchSink: Send {
     /// Number of bytes of this batch that the receiver will keep.
     fn keeps(&self, batch: &RecordBatch) -> usize;
 
-    /// Ends the result, which may have no batches.
+    /// Ends the result, even if there were no batches.
     ///
     /// # Errors
     /// Fails if it cannot be written.

@@ -86,7 +86,7 @@ pub struct StoreView {
     blocks: Mutex<HeldBlocks>,
 }
 
-/// A pipeline, and the time of the last check of its version.
+/// A pipeline, and the time at which its version was last checked.
 struct KnownPipeline {
     pipeline: Option<Arc<PublishedPipeline>>,
     seen: Instant,
@@ -96,7 +96,7 @@ struct KnownPipeline {
 pub struct PublishedPipeline {
     /// The version.
     pub version: Version,
-    /// The inputs of its tables.
+    /// The inputs of the pipeline's tables.
     pub notes: PipelineNotes,
     /// The store.
     root: PathBuf,
@@ -193,8 +193,8 @@ impl StoreView {
     }
 
     /// The query for the download of a table with lists of varying length; `None` for other tables, which
-    /// `magline export` writes. A CSV download omits these lists and a Parquet download keeps them. An export stores
-    /// them as strings.
+    /// `magline export` writes. A CSV download omits these lists, a Parquet download keeps them, and `magline export`
+    /// stores them as strings.
     ///
     /// # Errors
     /// Fails if there is no such table, or the store is damaged.

@@ -19,7 +19,7 @@ pub struct RunRecord {
     pub number: u64,
     /// End time, UTC.
     pub time: String,
-    /// The hash of the computation and its data.
+    /// The hash of the computation and of its data.
     pub run: String,
     /// The program's version.
     pub version: String,

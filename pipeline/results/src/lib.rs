@@ -1,5 +1,5 @@
 //! Results of runs: scores of lines and their pooled values, warnings, the history of runs, and the record of each
-//! version's inputs. The terminal and the report present them alike.
+//! version's inputs. The terminal and the report present the same results.
 
 pub mod history;
 pub mod logical;

@@ -45,7 +45,7 @@ pub struct PooledMetric {
 pub struct PooledValue {
     /// The value, in the metric's unit; `None` if no line has a value.
     pub value: Option<f64>,
-    /// Number of samples or pairs from which the value is computed.
+    /// Number of samples or pairs of samples from which the value is computed.
     pub n: i64,
     /// Number of lines with a value.
     pub lines: usize,

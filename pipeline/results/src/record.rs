@@ -60,7 +60,7 @@ pub struct SnapshotTable {
     pub stage: String,
     /// The stage's version.
     pub version: u32,
-    /// Whether it is one small file.
+    /// Whether the table is one small file.
     pub tidy: bool,
     /// The axes that the table depends on.
     pub axes: Vec<String>,

@@ -1,5 +1,5 @@
 //! Warnings of a run about its own results: filters that are worse than their INS, covariances that are far from the
-//! errors, maps at the wrong height, weak fits. One warning is one row of the table `warnings`.
+//! errors, maps at the wrong height, weak fits. Each warning is one row of the table `warnings`.
 
 mod cause;
 mod kind;

@@ -1,5 +1,5 @@
-//! Child processes for queries of `sql` and `serve`. They end with their parent. The kernel limits their memory, so
-//! that an oversized query fails alone.
+//! Child processes for queries of `sql` and `serve`. The processes end with their parent. The kernel limits their
+//! memory, so that an oversized query fails alone.
 
 use std::{
     fs,

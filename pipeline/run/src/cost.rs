@@ -1,9 +1,9 @@
 //! Cost of a run before it starts: rows, bytes, processor time and memory of each table that it would compute.
 //!
-//! Runs measure their tables ([`CostMeter`]) and keep the figures in the store. Keys do not depend on them. An estimate
-//! multiplies the amounts of work of a plan (`work`) by prices (`fit`). The prices are fitted to these figures and the
-//! built-in ones. There are prices per unit, per row and per number read, for each stage and each named choice of a
-//! stage, such as its filter. Processor time refers to a machine of speed 1, and is divided by the speed of this
+//! Runs measure their tables ([`CostMeter`]) and keep the figures in the store. Keys do not depend on these figures. An
+//! estimate multiplies the amounts of work of a plan (`work`) by prices (`fit`). The prices are fitted to these figures
+//! and the built-in ones. There are prices per unit, per row and per number read, for each stage and each named choice
+//! of a stage, such as its filter. Processor time refers to a machine of speed 1, and is divided by the speed of this
 //! machine.
 
 mod fit;

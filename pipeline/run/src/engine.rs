@@ -51,7 +51,7 @@ pub struct EngineCapacity {
 
 /// Maximum overhead of the division into tasks, as a fraction of the work.
 const MAX_OVERHEAD: f64 = 0.05;
-/// Maximum number of units of a task. All of them are lost if their worker is lost.
+/// Maximum number of units of a task. All of these units are lost if their worker is lost.
 const MOST_UNITS: usize = 4096;
 
 impl EngineCapacity {

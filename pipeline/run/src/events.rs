@@ -150,7 +150,7 @@ pub enum Event<'a> {
         /// Name of the table.
         table: &'a str,
     },
-    /// End of a table: it is complete and published.
+    /// End of a table, which is then complete and published.
     Table {
         /// Name of the table.
         table: &'a str,

@@ -103,7 +103,7 @@ impl RunSummary {
 pub struct RunOptions<'a> {
     /// Wait for another run of the pipeline.
     pub wait: bool,
-    /// Merge the packs of a sweep that has grown. The result equals that of a single run of the whole sweep.
+    /// Merge the packs of a sweep that has grown. The result equals the result of a single run of the whole sweep.
     pub compact: bool,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,

@@ -13,7 +13,7 @@ use super::{
 pub struct TaskList {
     /// Tasks, in the plan's order.
     pub tasks: Vec<Task>,
-    /// Number of units in these tasks, for each table with any.
+    /// Number of units in these tasks, for each table that has any units in them.
     pub units: Vec<(String, usize)>,
     /// Number of units that wait for others, or cannot be computed.
     pub skipped: usize,

@@ -83,7 +83,7 @@ impl Publication<'_> {
         store.publish(publisher, self.run, &tables, &reserved_tables, &self.rests_on(), &kept).map(|_| ())
     }
 
-    /// All packs that the tables reference, including those of the sources.
+    /// All packs that the tables reference, including the packs of the sources.
     fn rests_on(&self) -> Vec<HashKey> {
         let graph = self.graph;
         let catalogue = self.store.catalogue();

@@ -56,7 +56,7 @@ fn relative(folder: &Path, path: &Path) -> Option<Vec<String>> {
     Some(parts)
 }
 
-/// All files that a run reads, including those for simulations.
+/// All files that a run reads, including the files for simulations.
 fn all(graph: &PlanGraph) -> Result<Vec<ReleaseSourceFile>, Fault> {
     let plan = graph.plan;
     let mut found: Vec<ReleaseSourceFile> = vec![];

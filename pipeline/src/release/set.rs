@@ -93,7 +93,7 @@ pub struct Licence {
     pub name: String,
     /// Full title.
     pub title: String,
-    /// The address of its text.
+    /// The address of the licence's text.
     pub url: String,
     /// Whether the name is an SPDX identifier.
     pub spdx: bool,
@@ -108,7 +108,7 @@ pub struct ReleaseTable {
     pub name: String,
     /// `flight lines`, `scores`, `model` or `map`.
     pub kind: String,
-    /// Stage that made it; `None` for a table from files.
+    /// Stage that made the table; `None` for a table from files.
     pub stage: Option<String>,
     /// Description of the stage.
     pub description: String,
@@ -187,7 +187,7 @@ pub struct ReleaseColumn {
     /// The names of a list's entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub terms: Vec<String>,
-    /// Columns it was made from, as `table.column`.
+    /// Columns from which the column was made, as `table.column`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub from: Vec<String>,
     /// Values of the column.
@@ -216,7 +216,7 @@ pub struct DataFile {
     /// Flight, if the file holds one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flight: Option<String>,
-    /// Line, if the file holds one.
+    /// Line, if the file holds one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<String>,
     /// Number of rows.
@@ -270,7 +270,7 @@ pub struct ReleaseLockfile {
     pub arithmetic: String,
     /// The pipeline.
     pub pipeline: String,
-    /// The path of its spec in the set.
+    /// The path of the spec in the set.
     pub spec: String,
     /// The spec's SHA-256.
     pub spec_sha256: String,
@@ -297,9 +297,9 @@ pub struct ReleaseInput {
     pub bytes: u64,
     /// SHA-256.
     pub sha256: String,
-    /// First 128 bits of its BLAKE3, which identify it in magline.
+    /// First 128 bits of the file's BLAKE3 hash, which identify the file in magline.
     pub blake3: String,
-    /// Path in the set, if it is included.
+    /// Path in the set, if the file is included.
     pub included: Option<String>,
 }
 
@@ -314,15 +314,15 @@ pub struct ReleaseStage {
     pub version: u32,
     /// The tables it reads.
     pub inputs: Vec<String>,
-    /// Predicate that selects its rows.
+    /// Predicate that selects the rows of the table.
     #[serde(rename = "where", default, skip_serializing_if = "Option::is_none")]
     pub predicate: Option<String>,
-    /// The axes it depends on.
+    /// The axes on which the table depends.
     pub axes: Vec<String>,
-    /// Number of its sweep points.
+    /// Number of the table's sweep points.
     pub points: usize,
     /// Parameters in canonical spelling, each with its values at the points of the sweep.
     pub parameters: BTreeMap<String, Vec<String>>,
-    /// Hash of the keys of all its results.
+    /// Hash of the keys of all results of the table.
     pub key: String,
 }

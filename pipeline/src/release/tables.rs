@@ -66,7 +66,7 @@ impl SortKeyValue {
         }
     }
 
-    /// Whether it equals the value of a row, without copying the value.
+    /// Whether the value equals the value of a row; copies no value.
     fn is(&self, array: &ArrayRef, row: usize) -> bool {
         match self {
             SortKeyValue::Text(text) => {

@@ -265,7 +265,7 @@ fn check_file(
     Ok(rows)
 }
 
-/// Checks the documents against those made from the set and the values of its files.
+/// Compares the documents with documents that are made again from the set and the values of its files.
 fn agree(set: &ReleaseSet, root: &Path, found: &mut ReleaseVerification) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
         // Names of tables are parts of paths.

@@ -40,13 +40,13 @@ pub struct QueryRequest {
     pub store: PathBuf,
     /// Folder for spilled data.
     pub spill: PathBuf,
-    /// Memory for its operators, in bytes.
+    /// Memory for the operators of the query, in bytes.
     pub memory: usize,
     /// Memory limit set by the kernel, in bytes.
     pub most: usize,
     /// Text of the query.
     pub query: String,
-    /// Values of its parameters: one batch, as an IPC stream in base64.
+    /// Values of the query's parameters: one batch, as an IPC stream in base64.
     pub parameters: Option<String>,
     /// Versions of the tables; `None` for the current ones.
     pub pins: Option<VersionPins>,
@@ -59,7 +59,7 @@ pub struct QueryRequest {
 pub struct QueryHeader {
     /// Columns: an IPC stream in base64.
     pub columns: String,
-    /// Open parameters, in the same form.
+    /// Open parameters, also as an IPC stream in base64.
     pub parameters: String,
     /// Versions of the tables.
     pub pins: VersionPins,

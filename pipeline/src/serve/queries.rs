@@ -91,7 +91,7 @@ impl ServedTables {
     fn session(&self) -> Result<Arc<SqlSession>, Fault> {
         pulled(&self.store)?;
         let links = self.links();
-        // One query opens them; concurrent queries wait for it.
+        // One query opens the tables; concurrent queries wait for it.
         let mut seen = locked(&self.seen);
         if let Some(seen) = seen.as_ref().filter(|seen| seen.links == links) {
             return Ok(seen.session.clone());
@@ -202,7 +202,7 @@ impl QueryRegistry {
         self.spelt(number)
     }
 
-    /// Plan of a handle. It may be requested repeatedly and gives the same rows.
+    /// Plan of a handle. A plan may be requested repeatedly and gives the same rows each time.
     ///
     /// # Errors
     /// Fails if it was dropped.

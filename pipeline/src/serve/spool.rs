@@ -92,7 +92,7 @@ impl SpoolWriter {
         Ok(true)
     }
 
-    /// Ends the answer after its last piece; only the first end counts.
+    /// Ends the answer after its last chunk; any later end has no effect.
     pub fn end(&self, end: Result<(), Status>) {
         let mut state = self.0.state();
         state.end.get_or_insert(end);

@@ -22,7 +22,7 @@
 //! leaves are therefore never read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader keeps
 //! the version it opened.
 //!
-//! A store in an object store has the same layout below an address. Its folder is then a copy: see `remote`.
+//! A store in an object store has the same layout below an address. The folder of such a store is a copy: see `remote`.
 
 pub mod arithmetic;
 pub mod attempts;
@@ -98,7 +98,7 @@ const PARTS: [&str; 13] = [
     "tmp",
 ];
 
-/// Rows of a row group, unless one unit or wide rows require fewer.
+/// Number of rows of a row group; a group has fewer if it holds a single unit or if its rows are wide.
 pub const GROUP_ROWS: usize = 100_000;
 /// Size of a row group in memory, in bytes.
 const GROUP_BYTES: usize = 32 << 20;
@@ -424,7 +424,7 @@ fn is_other_layout(bytes: &[u8]) -> bool {
 }
 
 fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
-    // A later run reports a stored fault as one of the data.
+    // A later run reports a stored fault as a fault of the data.
     let stored = |fault: &Fault| Fault { owner: FaultOwner::Data, ..fault.clone() };
     let failed = new.rows.as_ref().err().map(stored);
     let left_out = new.remarks.left_out.iter().map(stored).collect::<Vec<_>>();

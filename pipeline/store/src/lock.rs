@@ -235,8 +235,8 @@ impl Drop for PipelineLock {
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // The new text has the same length, so a single write is enough. If the write fails, the lease ends when it
-        // expires.
+        // The new text has the same length, so a single write is enough. If the write fails, the lease ends only when
+        // it expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }
@@ -356,7 +356,7 @@ impl Store {
         if self.is_copy() { there } else { here }
     }
 
-    /// Takes the lock of `pipeline`. If another process holds it, waits or fails.
+    /// Takes the lock of `pipeline`. If another process holds the lock, waits or fails.
     ///
     /// # Errors
     /// Fails if another process holds it, or the file system reports an error.

@@ -2,10 +2,11 @@
 //!
 //! The objects are the store. The cache has the layout of a store in a folder, with the files that this machine has
 //! written or read. Immutable files (packs, sources, plans, the files of a version) are written to the object store
-//! first and then to the cache. They are copied when first read, and their checksums are verified. The other files are
-//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. The
-//! object `tables/<pipeline>` names the newest version. It is replaced only if it is unchanged since it was read. Packs
-//! of a version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
+//! first and then to the cache. These files are copied into the cache when they are first read, and their checksums are
+//! verified. The other files are small and are copied when the store is opened: the plans, runs and costs of pipelines,
+//! and `tables/<pipeline>`. The object `tables/<pipeline>` names the newest version. The object is replaced only if it
+//! is unchanged since it was read. Packs of a version are not written again: `versions/<pipeline>/<n>/version.json`
+//! lists them by name.
 //!
 //! Locks are leases, as between hosts that share a folder: objects that only one process can create and renew.
 

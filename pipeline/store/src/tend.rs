@@ -210,7 +210,7 @@ pub(super) fn folders_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> + 
 /// Removes the files that a version lists, and its folders if they are then empty.
 fn drop_version(folder: &Path) -> io::Result<bool> {
     let Some(version) = Version::open(folder) else {
-        // Its contents are unknown; the version was never complete.
+        // The contents of this version are unknown; it was never complete.
         return fs::remove_dir_all(folder).map(|()| true);
     };
     let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
@@ -234,7 +234,7 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
     Ok(empty)
 }
 
-/// Removes a published pipeline, or one table of it. Computed results stay until `gc`.
+/// Removes a published pipeline, or one of its tables. Computed results stay until `gc`.
 ///
 /// # Errors
 /// Fails if it does not exist, a run holds the lock of the pipeline, or the file system reports an error.

@@ -1,9 +1,9 @@
 //! Published results: versions of a pipeline's tables, one of which is the newest.
 //!
-//! A version is written under another name, and appears atomically when its folder is renamed. It is the newest when
-//! the link `tables/<pipeline>` points at it. Unchanged files are linked from the packs and use no space. A reader that
-//! has resolved the link keeps its version until `gc` drops it. In an object store, which has no links, a version has a
-//! prefix, and a pointer object is written conditionally.
+//! A version is written under another name, and appears atomically when its folder is renamed. A version is the newest
+//! when the link `tables/<pipeline>` points to it. Unchanged files are linked from the packs and use no space. A reader
+//! that has resolved the link keeps its version until `gc` drops it. In an object store, which has no links, a version
+//! has a prefix, and a pointer object is written conditionally.
 
 mod manifest;
 

@@ -5,7 +5,7 @@ use report::html::{SCRIPTS, page_foot, page_head};
 
 use crate::ViewData;
 
-/// The page as HTML. It has no contents of the store, which its scripts read afterwards.
+/// The page as HTML. The page contains no data of the store; its scripts read the data afterwards.
 pub fn page(data: &ViewData) -> String {
     let pipeline = data.spec.map(|spec| spec.pipeline);
     let title = pipeline.unwrap_or("Store");

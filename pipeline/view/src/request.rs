@@ -54,7 +54,7 @@ pub enum DownloadFormat {
 }
 
 impl DownloadFormat {
-    /// The extension of its files.
+    /// The extension of files in this format.
     pub fn extension(self) -> &'static str {
         match self {
             DownloadFormat::Csv => "csv",

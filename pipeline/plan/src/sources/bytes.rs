@@ -16,9 +16,9 @@ use super::files::walk;
 /// File or folder, and the hash of its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileDigest {
-    /// Path as the spec gives it.
+    /// Path, as written in the spec.
     pub path: PathBuf,
-    /// Hash of all its bytes.
+    /// Hash of all bytes of the file or folder.
     pub hash: HashKey,
 }
 
@@ -34,7 +34,7 @@ pub struct ReusePolicy<'a> {
     pub settle: Option<Duration>,
 }
 
-/// The properties that identify a version of a file without reading it.
+/// The properties that identify a version of a file, so that its bytes need not be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct FileStamp {
     size: u64,

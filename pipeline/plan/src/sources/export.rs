@@ -83,11 +83,11 @@ pub struct ExportLine {
     pub rows: usize,
     /// First and last time, in seconds.
     pub tt: (f64, f64),
-    /// The year and day of the year of its first sample, if known.
+    /// The year and the day of the year of the line's first sample, if known.
     pub date: Option<(i64, i64)>,
     /// Faults that make the line unusable; an unusable line is not written.
     pub faults: Vec<Fault>,
-    /// Quality figures of its columns.
+    /// Quality figures of the line's columns.
     pub measures: Vec<QualityMeasure>,
 }
 
@@ -96,7 +96,7 @@ pub struct ExportLine {
 pub struct ExportOutcome {
     /// The format of the log.
     pub format: &'static str,
-    /// The files with its lines.
+    /// The files with the lines of the log.
     pub files: Vec<PathBuf>,
     /// Whether the files already existed with the same data.
     pub unchanged: bool,
@@ -106,7 +106,7 @@ pub struct ExportOutcome {
     pub lines: Vec<ExportLine>,
     /// Notes for the user.
     pub notes: Vec<String>,
-    /// The names and units of its columns.
+    /// The names and units of the columns.
     pub columns: Vec<(String, String)>,
 }
 
@@ -118,7 +118,7 @@ struct ExportFile {
 }
 
 impl LogExport<'_> {
-    /// Reads the log and writes it.
+    /// Reads the log and writes the files.
     ///
     /// # Errors
     /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, or errors of the

@@ -13,7 +13,7 @@ use super::bytes::{FileFact, ReusePolicy};
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
-    /// Mapping of its columns, if any.
+    /// Mapping of the file's columns, if any.
     pub(super) mapped: Option<MappingTable>,
     /// Returns the inputs of the file, if its values are computed from other files.
     pub(super) made_from: Option<FlightInputLister>,

@@ -56,7 +56,7 @@ pub struct LineRecord {
     pub fault: Option<Fault>,
     /// Further faults of an unusable line.
     pub more_faults: Vec<Fault>,
-    /// The findings in its columns.
+    /// The findings in the columns of the line.
     pub findings: Vec<Finding>,
     /// The file that contains the line.
     pub file: usize,
@@ -341,7 +341,7 @@ fn put(
 ) -> Result<(IndexLine, Vec<QualityMeasure>), Fault> {
     let LineBatches { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
-        // Rows without a line: only their existence is recorded.
+        // These are rows without a line, of which only the existence is recorded.
         let object = HashKey::from_parts(["no line", &flight, &line]).to_string();
         let fault = fault.map(unplaced);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);

@@ -17,14 +17,14 @@ use crate::{
     spec::{SourceDecl, SpecSpan},
 };
 
-/// The key that selects a model among those of a table.
+/// The key that selects one model in a table of models.
 const WHERE: &str = "where";
 const TERM: &str = "term";
 const VALUE: &str = "value";
 
 /// The table of one model.
 pub struct ModelTable {
-    /// The condition that selects it, in canonical spelling; empty without a condition.
+    /// The condition that selects the model, in canonical spelling; empty without a condition.
     pub condition: String,
     /// Columns.
     pub schema: SchemaRef,

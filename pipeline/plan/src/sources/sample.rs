@@ -13,8 +13,9 @@ use super::{Flights, flight_file::FlightFile};
 const ROWS: usize = 10_000;
 
 impl Flights {
-    /// Faults that make the first 10,000 rows of each file unusable, one for each mistake in a file. Skips simulated
-    /// flights, which would have to be simulated first, and unreadable files, which are reported when they are read.
+    /// Faults that make lines in the first 10,000 rows of each file unusable, one fault for each mistake in a file.
+    /// Skips simulated flights, which would have to be simulated first, and unreadable files, which are reported when
+    /// they are read.
     pub fn implausible(&self) -> Vec<Fault> {
         let of = |file: &FlightFile| first_rows(file).unwrap_or_default();
         self.files.par_iter().map(of).collect::<Vec<_>>().into_iter().flatten().collect()

@@ -19,7 +19,7 @@ pub struct SearchTrial {
 }
 
 impl SearchTrial {
-    /// The values of its columns, in the order of [`SearchSpec::columns`].
+    /// The values of the trial's columns, in the order of [`SearchSpec::columns`].
     pub fn literals(&self, search: &SearchSpec) -> Vec<Literal> {
         let trial = Literal::Int(i64::try_from(self.trial).unwrap_or(i64::MAX));
         let rung = search.halving.iter().filter_map(|h| h.values.get(self.rung - 1).cloned());

@@ -11,7 +11,7 @@ pub struct SpecFaults {
     pub file: String,
     /// Text.
     pub text: String,
-    /// The assignments of `--set`, whose bytes follow those of the text.
+    /// The assignments of `--set`, whose bytes follow the bytes of the text.
     pub sets: Vec<String>,
     /// The faults.
     pub faults: Vec<Fault>,

@@ -140,7 +140,7 @@ pub struct SuccessiveHalving {
 /// An axis of a search.
 #[derive(Clone, Debug)]
 pub struct SearchAxis {
-    /// Name, which is also the name of its column.
+    /// Name of the axis, which is also the name of its column.
     pub name: String,
     /// Position.
     pub at: SpecSpan,

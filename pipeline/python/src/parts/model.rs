@@ -1,4 +1,4 @@
-//! A model of `fit`, written in Python. It is fitted to the unfiltered samples of all lines.
+//! A model of `fit`, written in Python. The model is fitted to the unfiltered samples of all lines.
 //!
 //! Its table holds the name and source of the model, its parameters and inputs, and the state of the fitted object:
 //! either numbers by name, or a pickle in base 64.

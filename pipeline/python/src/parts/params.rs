@@ -46,7 +46,7 @@ pub struct PartParamDecl {
     kind: PartParamType,
     /// Whether an unset parameter without a default is `None`.
     optional: bool,
-    /// `null` if the parameter is required, or `optional`.
+    /// `null` if the parameter is required, and if it is `optional`.
     default: Value,
     unit: String,
     doc: String,
@@ -225,7 +225,7 @@ impl PartParam {
         }
     }
 
-    /// Reads the value. `None` if it is missing or invalid; the reader then holds the fault.
+    /// Reads the value. `None` if the value is missing or invalid; the reader then holds the fault.
     fn read(&self, reader: &mut ParamReader) -> Option<PartValue> {
         let Some(given) = reader.given(self.name) else {
             let unset = self.default.clone().or_else(|| self.optional.then_some(PartValue::Unset));

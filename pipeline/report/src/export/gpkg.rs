@@ -33,7 +33,7 @@ pub struct GeoPackageWriter {
     line: Option<Track>,
 }
 
-/// Track of a line; in a sweep, of a line at one point.
+/// Track of a line; in a sweep, the track of a line at one point.
 struct Track {
     /// Values of the key columns.
     keys: Vec<Value>,

@@ -19,7 +19,7 @@ const DAY_S: f64 = 86_400.0;
 
 /// Adder of a column `utc` to the rows of a table, batch by batch.
 ///
-/// The time of a line counts from one midnight, which follows from the first row with a date. It continues past
+/// The time of a line counts from one midnight, which follows from the first row with a date. The time continues past
 /// 86,400 s on the next day.
 #[derive(Default)]
 pub(super) struct UtcColumn {

@@ -49,7 +49,7 @@ pub struct Atlas {
     picture: Option<Rc<AtlasImage>>,
 }
 
-/// Tracks, and the map that they were navigated on.
+/// Tracks, and the map on which they were navigated.
 pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 
 /// The atlas of each group of tracks, `None` without positions; and the pictures of the maps, for references. Groups

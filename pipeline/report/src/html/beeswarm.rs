@@ -197,7 +197,7 @@ mod tests {
         let up: Vec<f64> = same.iter().map(|dot| dot.up).collect();
         assert_eq!(up, [0.0, 0.5, -0.5, 0.0]);
         assert_eq!(same[3].colour, GREY);
-        // A switch that is on in one of a hundred samples.
+        // A switch that is on in one sample of a hundred.
         let switch: Vec<(f64, f64)> = (0..100).map(|k| (f64::from(k), f64::from(u8::from(k == 7)))).collect();
         let made = dots(&switch);
         assert_eq!((made[7].colour.as_str(), made[8].colour.as_str()), ("#ff0051", "#008bfb"));

@@ -77,7 +77,7 @@ pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str
     folders_kml(&graph.plan.spec.name, &pictures, &look, &folders, stem)
 }
 
-/// The navigations of `choice`, with its lines.
+/// The navigations of `choice`, with the lines of `choice`.
 fn chosen(source: &ReportSource, choice: &TrackSelection) -> Result<Vec<SubjectGroup>, Fault> {
     let plan = source.graph.plan;
     let navigates: Vec<&str> =

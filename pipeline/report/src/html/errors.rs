@@ -21,7 +21,7 @@ const BAND_POINTS: usize = 500;
 /// Half the width of the band around a position error, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
-/// The plots of one line at the point `place`. `outcomes` counts the outcomes of its measurements.
+/// The plots of one line at the point `place`. `outcomes` counts the outcomes of the line's measurements.
 pub fn plots(line_tracks: &LineTracks, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
     if let Some(errors) = line_tracks.errors() {

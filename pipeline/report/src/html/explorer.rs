@@ -21,7 +21,7 @@ pub const BUDGET: usize = 10_000_000;
 /// Assumed size of one number, in bytes.
 const NUMBER: usize = 20;
 
-/// The explorer of one score table. Subtracts the size of its block from `left`, in bytes.
+/// The explorer of one score table. Subtracts the size of the explorer's block from `left`, in bytes.
 ///
 /// # Errors
 /// Fails if the store is damaged.

@@ -137,7 +137,7 @@ fn shown(word: &str) -> String {
     }
 }
 
-/// The vertical axis, which all plots share.
+/// The vertical axis, which is common to all plots.
 struct GoalScale {
     dim: ChartAxis,
 }

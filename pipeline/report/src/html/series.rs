@@ -1,8 +1,8 @@
 //! Series of the points and lines that matter, embedded in the page: the best point on its worst, median and best line,
 //! flagged points on their worst line, and the first point on its median line.
 //!
-//! Each block is an Arrow IPC stream, compressed with gzip and written in base64. It has the format of the series of
-//! `magline view`.
+//! Each block is an Arrow IPC stream, compressed with gzip and written in base64. A block has the format of the series
+//! of `magline view`.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -42,7 +42,7 @@ const FIRST_WEIGHT: &str = "weight_1";
 /// Columns of the attitude; the first group that a table has is shown.
 const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pitch", "ins_yaw"]];
 
-/// The section; `None` without a line. Subtracts its size from `left`, in bytes.
+/// The section; `None` without a line. Subtracts the size of the section from `left`, in bytes.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -117,7 +117,7 @@ struct SeriesTable {
 }
 
 impl SeriesTable {
-    /// Whether it has elements of lists.
+    /// Whether the table has elements of lists.
     fn has_elements(&self) -> bool {
         self.columns.iter().any(|c| list_element(&c.name).is_some())
     }
@@ -204,7 +204,7 @@ impl<'a> ColumnReader<'a> {
         Ok(self.source.floats(self.at, self.line, name)?.filter(|values| values.len() == self.rows))
     }
 
-    /// Adds a column of the table, if there is one.
+    /// Adds a column of the table, if the table has it.
     fn add(&mut self, name: &str) -> Result<(), Fault> {
         if self.columns.iter().any(|c| c.name == name) {
             return Ok(());

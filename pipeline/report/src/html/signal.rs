@@ -270,7 +270,8 @@ mod tests {
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);
         let drawn = within(&slow, BAND).unwrap();
         let highest = drawn.lines[0].points.iter().map(|p| p.1.abs()).fold(0.0, f64::max);
-        // The filter removes a drift of 1200 nT and keeps the 50 nT at 0.5 Hz. It overshoots slightly at the ends.
+        // The filter removes a drift of 1200 nT and keeps the 50 nT at 0.5 Hz. The filter overshoots slightly at the
+        // ends.
         assert!((49.0..70.0).contains(&highest), "{highest}");
     }
 }

@@ -197,7 +197,7 @@ pub fn word(canonical: &str) -> Option<String> {
 }
 
 /// Lines to show. With scores, these are the median line by the score of the best point, then the best and the worst
-/// line. Without scores, it is the longest line.
+/// line. Without scores, only the longest line is shown.
 ///
 /// # Errors
 /// Fails if the store is damaged.

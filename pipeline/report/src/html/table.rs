@@ -113,7 +113,7 @@ fn shown(board: &ScoreBoard) -> Vec<usize> {
     rows
 }
 
-/// A name that may be broken at its underscores.
+/// A name that the browser may break at underscores.
 fn spaced(name: &str) -> Markup {
     html! { @for (i, part) in name.split('_').enumerate() { @if i > 0 { "_" wbr; } (part) } }
 }

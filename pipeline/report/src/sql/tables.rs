@@ -29,7 +29,7 @@ pub struct QueryTables {
     pub pins: VersionPins,
     /// The tables, as `pipeline.table`.
     pub tables: Vec<String>,
-    /// Tables that are links to other places, which are not read.
+    /// Tables that are not read, because they are links to other places.
     pub elsewhere: Vec<String>,
 }
 

@@ -68,7 +68,7 @@ fn described(pipeline: &PublishedPipeline, name: &str) -> Value {
     })
 }
 
-/// Kind of a table, which decides how it is drawn.
+/// Kind of a table, which determines how the table is drawn.
 fn kind(table: &ViewTable, noted: Option<&NotedTable>, name: &str) -> &'static str {
     let has = |column: &str| table.provider.columns().field_with_name(column).is_ok();
     match noted {

@@ -26,7 +26,7 @@ use crate::html::is_current;
 const COUNT_EVERY: Duration = Duration::from_secs(1);
 /// Minimum time between two poolings of scores.
 const POOL_EVERY: Duration = Duration::from_secs(5);
-/// Pause after a count or pooling, as a multiple of its duration.
+/// Pause after a count or pooling, as a multiple of the duration of the count or pooling.
 const PAUSE: u32 = 5;
 /// A lease whose last renewal is older than this no longer counts as a run in progress.
 const SILENT: Duration = Duration::from_secs(35);
@@ -254,7 +254,7 @@ fn failures(found: &BTreeMap<(String, String), (usize, String)>) -> Vec<Value> {
     all.into_iter().map(one).collect()
 }
 
-/// Whether a run of the pipeline is in progress, by its lease.
+/// Whether a run of the pipeline is in progress, according to the lease of the pipeline.
 fn is_running(root: &Path, pipeline: &str) -> bool {
     if generation(root, pipeline).is_some() {
         return false;

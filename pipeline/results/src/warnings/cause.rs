@@ -24,7 +24,7 @@ pub struct NavigationSettings {
     pub sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// Time over which a bias is estimated, in seconds.
+    /// Length of the window over which a bias is estimated, in seconds.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,
@@ -105,7 +105,7 @@ impl NavigationSettings {
 pub struct LineFacts<'a> {
     /// Scores.
     pub row: &'a LineMetrics,
-    /// Settings of its navigation; `None` without a track.
+    /// Settings of the line's navigation; `None` without a track.
     pub settings: Option<NavigationSettings>,
 }
 
@@ -289,7 +289,7 @@ impl<'a> LineFacts<'a> {
     }
 }
 
-/// The date at the first sample of the line, as a decimal year, if the flight has columns for it.
+/// The date at the first sample of the line, as a decimal year, if the flight has the columns of a date.
 fn flight_date(year: Option<f64>, doy: Option<f64>) -> Option<f64> {
     year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok())
 }

@@ -1,8 +1,8 @@
 //! Messages in Ballista plans: tasks, receipts, and the plan node that carries them.
 //!
 //! The leaf of a plan is a source in memory with tasks as rows, because Ballista only partitions leaves of known types.
-//! The node above it has the same partitions. The scheduler decodes and encodes the node without computing anything. A
-//! worker never fails a partition, which would fail the job; it returns failures as rows.
+//! The node above the leaf has the same partitions. The scheduler decodes and encodes the node without computing
+//! anything. A worker never fails a partition, which would fail the job; it returns failures as rows.
 
 use std::{
     fmt,

@@ -115,7 +115,7 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
         .mode(0o700)
         .create(&own)
         .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
-    // `None` if the scheduler was lost since the caller found it.
+    // `None` if the scheduler was lost after the caller found it.
     let started = scheduler.name().ok();
     let is_lost = || started.is_none() || scheduler.name().ok() != started;
     let ended = crew.attended(&scheduler, || executed(config, name, &own, is_lost));
@@ -176,7 +176,7 @@ fn executed(
     }
 }
 
-/// Binds the two requested ports, or two free ones.
+/// Binds the two requested ports, or two free ports.
 fn listeners(config: &WorkerConfig) -> Result<(TcpListener, TcpListener), Fault> {
     let next = match config.ports {
         0 => 0,

@@ -37,7 +37,7 @@ fn folder_of(pipeline: &str, number: u64) -> String {
     format!("versions/{pipeline}/{number}")
 }
 
-/// Whether a name stays in its folder.
+/// Whether a path with this name stays inside the folder.
 fn is_plain(name: &str) -> bool {
     let parts: Vec<Component> = Path::new(name).components().collect();
     matches!(parts.as_slice(), [Component::Normal(part)] if *part == name)

@@ -27,7 +27,7 @@ impl Extent {
         }
     }
 
-    /// Whether it has no position.
+    /// Whether the rectangle has no position.
     pub fn is_empty(&self) -> bool {
         self.low[0] > self.high[0]
     }

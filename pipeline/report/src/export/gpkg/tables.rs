@@ -72,7 +72,7 @@ pub fn end(database: &Connection) -> rusqlite::Result<()> {
 pub struct FeatureColumn {
     name: String,
     sql_type: &'static str,
-    /// Whether it is a key, such as the line.
+    /// Whether the column is a key, such as the line.
     pub is_key: bool,
     unit: String,
     description: String,
