@@ -126,7 +126,7 @@ pub struct BenchScore {
     pub line: Option<String>,
     /// The measure.
     pub measure: BenchMetric,
-    /// Score; `None` if it failed.
+    /// Score; `None` if the scoring failed.
     pub value: Option<f64>,
     /// Score of the naive baseline.
     pub naive: f64,

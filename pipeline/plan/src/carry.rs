@@ -1,4 +1,5 @@
-//! `carry` and `keep`: columns of a table of flight lines that are written in addition to the computed columns.
+//! The keys `carry` and `keep` of a stage: the columns of a table of flight lines that are written in addition to the
+//! computed columns, and whether results are stored.
 
 use std::{collections::HashSet, sync::Arc};
 

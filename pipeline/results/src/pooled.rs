@@ -318,7 +318,7 @@ fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
     for i in 0..node.len() {
         let unit = |line: &usize| PlanUnit { table: t, instance: i, line: Some(*line) };
         let keys = graph.lines_of(t, i).iter().map(|line| graph.key(unit(line)).map(|key| key.to_string()));
-        // A line that lacks a column lacks it at all points.
+        // A line that lacks a column lacks the column at all points.
         let keys: Vec<String> = keys.filter_map(Result::ok).collect();
         if !keys.is_empty() {
             groups.entry(keys).or_default().push(i);

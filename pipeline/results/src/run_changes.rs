@@ -186,7 +186,7 @@ impl ChangeList {
 
     /// Adds the parameters that differ at points of both runs.
     fn parameters(&mut self, one: &SnapshotTable, other: &SnapshotTable) {
-        // A comparison of 100,000 equal points needs no list of them.
+        // A comparison of 100,000 equal points makes no list of the points.
         if one.points == other.points {
             return;
         }

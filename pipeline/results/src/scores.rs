@@ -245,7 +245,7 @@ enum AxisWord {
 }
 
 impl AxisWord {
-    /// A value of an axis as another program writes it, for numeric and other axes.
+    /// A value of a numeric or other axis, as written by another program.
     fn from_text(text: &str, number: bool) -> AxisWord {
         match text.parse::<f64>() {
             // -0 equals 0.
@@ -259,7 +259,7 @@ impl AxisWord {
     }
 }
 
-/// Values of an axis, indexed by their text as another program writes it.
+/// Values of an axis, indexed by the text in which another program writes them.
 pub struct AxisValues {
     number: bool,
     known: HashMap<AxisWord, usize>,

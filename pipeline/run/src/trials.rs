@@ -31,8 +31,8 @@ enum StoredUnitState {
     Unknown,
 }
 
-/// Goals of `rows`, which are the trials of the plan of `graph`. `None` if a score of a trial is not computed yet; with
-/// `all` that counts as a failure.
+/// Goals of the trials `rows`, which must be the trials of the plan of `graph`. `None` if a score of a trial is not
+/// computed yet; with `all` that counts as a failure.
 ///
 /// A trial that lacks the scores of a line has no goal, because means over different lines are not comparable.
 /// Unreadable lines are excluded from all trials.
@@ -262,8 +262,8 @@ pub fn plan_all_trials(
     Ok((Plan::new(plan.spec.with_trials(&rows), catalogue)?, assumed))
 }
 
-/// Row with an invented score that favours no value of an axis. The scores are multiples of the golden ratio, which are
-/// spread evenly.
+/// Row with an invented score that favours no value of an axis. The scores are the fractional parts of multiples of the
+/// golden ratio, which are spread evenly.
 fn invented_score(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());

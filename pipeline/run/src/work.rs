@@ -115,8 +115,8 @@ impl<'a> UnitWorker<'a> {
         }
     }
 
-    /// Computes `units` of one table, in their order, in parallel. Calls `done` with each finished group. The results
-    /// lack units that an interrupt skips.
+    /// Computes the units `units` of one table in parallel; the results are in the order of the units. Calls `done`
+    /// with each finished group. The results lack units that an interrupt skips.
     pub fn compute(
         &self,
         units: &[PlanUnit],

@@ -29,7 +29,7 @@ pub struct ScoreArgs {
     /// The tasks to score: compensate, navigate, navigate_cold, map_free. Default: all tasks with columns in the file.
     #[arg(long, value_delimiter = ',')]
     tasks: Vec<String>,
-    /// The spec of the simulated flights with the truth. With another seed, it gives an unpublished test.
+    /// The spec of the simulated flights with the truth. A spec with another seed gives an unpublished test.
     #[arg(long, default_value = bench::SPEC)]
     flights: PathBuf,
     /// Also write the results to this file, .md or .parquet.

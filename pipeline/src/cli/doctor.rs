@@ -96,7 +96,7 @@ fn program() -> Finding {
     Finding::Fine(format!("{version}, {}-{}, {features}", env::consts::OS, env::consts::ARCH))
 }
 
-/// A file can be written and there is space for more.
+/// Checks that a file can be written and that there is space for more files.
 fn temporary() -> Finding {
     let folder = env::temp_dir();
     let tried = TemporaryFolder::new().and_then(|own| {
@@ -142,7 +142,7 @@ fn file_size() -> Finding {
     }
 }
 
-/// The store opens, is writable, has no damaged files, and has space.
+/// Checks that the store opens, is writable, has no damaged files, and has free space.
 fn store(root: &Path) -> Finding {
     if !tend::is_store(root) {
         return Finding::Fine(format!("there is none at {}; the first run makes it", shown(root)));

@@ -23,7 +23,7 @@ use schemas::Fault;
 
 use super::{ExitReason, invocation};
 
-/// Environment variable with the folder for temporary files. It is set only in the child.
+/// Environment variable with the folder for temporary files. The variable is set only in the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";
 /// Memory of the program and of allocations that DataFusion does not account for, in bytes.
 const OWN: usize = 256 << 20;

@@ -83,7 +83,7 @@ pub struct IngestArgs {
     /// The output file of the suggested mapping; standard output by default.
     #[arg(short, long, requires = "suggest")]
     output: Option<PathBuf>,
-    /// The number of threads; all cores by default. Results do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on this number.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
     /// Write JSON Lines to standard output: one object for each flight line of each file, with its quality figures.

@@ -99,7 +99,7 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         let file = spec.display().to_string();
         parse_spec(&file, folder.clone(), text, &[]).and_then(|spec| Plan::new(spec, catalogue))
     };
-    // The plan reads the mapping and the lines. They are removed if the command fails.
+    // The plan reads the files of the mapping and of the lines. These files are removed if the command fails.
     let lines = writer.lines.clone().map(|(name, text)| (folder.join(name), text));
     let mut drafts = vec![];
     for (path, text) in source.own.iter().map(|text| (own.clone(), text.clone())).chain(lines.clone()) {

@@ -20,7 +20,7 @@ pub const MESSAGE: &str = "interrupted; finished results are stored; run the sam
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;
 
-/// Makes an interrupt end the process at once and remove its unfinished files.
+/// Sets up an interrupt to end the process at once and to remove the process's unfinished files.
 pub fn leave() {
     // If no handler can be set, the next process removes them.
     let _ = ctrlc::set_handler(|| {

@@ -33,8 +33,8 @@ pub struct LineArgs {
     /// Draw the lines for checking, one .svg or .png file per flight.
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub picture: Option<PathBuf>,
-    /// The output table of the lines found by `--lines auto`. After editing, it can be used by `lines` of a spec or
-    /// `--lines`. Default: `_lines/LOG.csv` in the folder of `--to`, or `_lines/lines.csv` for several logs.
+    /// The output table of the lines found by `--lines auto`. After editing, this table can be used by `lines` of a
+    /// spec or by `--lines`. Default: `_lines/LOG.csv` in the folder of `--to`, or `_lines/lines.csv` for several logs.
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub write_lines: Option<PathBuf>,
 }

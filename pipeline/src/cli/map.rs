@@ -99,7 +99,7 @@ pub struct OutputArgs {
 /// Option for the number of threads.
 #[derive(Args, Clone)]
 pub struct ThreadArgs {
-    /// The number of threads; all cores by default. Results do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on this number.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
 }
@@ -154,7 +154,7 @@ impl ThreadArgs {
     }
 }
 
-/// Fault of a map or of a request for it.
+/// Fault of a map, or of a request for a map.
 fn wrong(path: &Path, e: &dyn std::fmt::Display) -> ExitReason {
     ExitReason::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
 }

@@ -27,7 +27,7 @@ struct Example {
     about: &'static str,
     /// Specs and simulations, by their names.
     texts: &'static [(&'static str, &'static str)],
-    /// Folders of `datasets/samples` that it reads.
+    /// Folders of `datasets/samples` that the example reads.
     samples: &'static [&'static Sample],
 }
 
@@ -158,7 +158,7 @@ fn adapted(text: &str) -> String {
     text.replace("../samples/", "data/").replace("datasets/examples/", "")
 }
 
-/// Writes a folder that does not exist. After an interrupt, it is either complete or absent.
+/// Writes a folder that does not exist. After an interrupt, the folder is either complete or absent.
 fn write(example: &Example, folder: &Path) -> io::Result<()> {
     let parent = folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent)?;

@@ -136,7 +136,7 @@ impl Drop for ProgressDisplay {
             bar.finish_and_clear();
         }
         if let Some(writer) = shown.writer.take() {
-            // It only writes; its failure is ignored.
+            // The thread only writes; its failure is ignored.
             let _ = writer.join();
         }
     }
@@ -322,7 +322,7 @@ mod tests {
         assert_eq!(state.text(seconds(60)), "simulating flights: 0 of 9 lines");
         state.done = 3;
         assert_eq!(state.text(seconds(60)), "simulating flights: 3 of 9 lines (about 2 min left)");
-        // Another stage does not use the time of the first one.
+        // A stage does not use the time of an earlier stage.
         state.stage(seconds(60), "computing even");
         (state.done, state.all) = (1, 2);
         assert_eq!(state.text(seconds(60)), "computing even: 1 of 2");

@@ -19,7 +19,7 @@ pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, dedupl
 pub struct RunArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// The number of threads; all cores by default. Results do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on this number.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
     #[command(flatten)]
@@ -96,7 +96,7 @@ After 4 and 130, run the same command again to resume.
 In the events, `run` is a hash of the spec and its inputs, so it is the same for the same spec and inputs. `time` is \
 UTC.";
 
-/// Runs a spec. With `compact`, its tables become the files of a single run.
+/// Runs a spec. With `compact`, the files of the tables become the same as after a single run.
 ///
 /// # Errors
 /// Fails if part of the run fails, or if the run is stopped.

@@ -29,7 +29,7 @@ pub use watch::RunWatch;
 
 /// Exit status if another run holds the lock.
 pub const LOCKED: u8 = 3;
-/// The exit status of a run that its time limit stopped.
+/// The exit status of a run that was stopped by its time limit.
 pub const OUT_OF_TIME: u8 = 4;
 
 /// Options of a scheduled run.
@@ -183,7 +183,7 @@ impl ScheduleArgs {
 /// Whether the time limit has expired.
 static OVER: AtomicBool = AtomicBool::new(false);
 
-/// The message of a run that its time limit stopped.
+/// The message of a run that was stopped by its time limit.
 pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored; run the same command again to resume";
 
 /// Time limit of a run, in force until dropped.
@@ -258,7 +258,7 @@ pub fn report_comparison(summary: &mut RunSummary, compared: Vec<run::TableCompa
     summary.compared = compared;
 }
 
-/// Observes a run until its end, whether it succeeds or fails.
+/// Observes a run until it succeeds or fails.
 ///
 /// # Errors
 /// Fails for a file or an address that cannot be written to; nothing is run then.

@@ -72,7 +72,7 @@ pub fn confined(
         return guard::run(memory, folder.path(), unfinished);
     };
     guard::limit(memory);
-    // A query runs on many threads, which are not waited for.
+    // An interrupt does not wait for the many threads of a query.
     let _ = ctrlc::set_handler(|| {
         temporary::remove_all();
         err!("interrupted");

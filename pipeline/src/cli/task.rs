@@ -60,7 +60,7 @@ pub struct TaskArgs {
     /// For job arrays: compute only every N-th task, starting at task I, counted from 0.
     #[arg(long, value_name = "I/N", value_parser = share)]
     share: Option<(usize, usize)>,
-    /// The number of threads; all cores by default. Results do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on this number.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
     /// Time limit of a unit, such as 90s or 2h. After it, the process ends with exit status 1, and the unit counts as a

@@ -34,7 +34,7 @@ impl TemporaryFile {
         &self.0
     }
 
-    /// Leaves the file where it is.
+    /// Keeps the file.
     pub fn keep(self) {
         if let Ok(mut list) = UNFINISHED.lock() {
             list.retain(|path| *path != self.0);
@@ -49,8 +49,8 @@ impl Drop for TemporaryFile {
     }
 }
 
-/// A private folder for temporary files, below the system's: other users can neither read nor create it. It is removed
-/// when it goes out of scope. After a kill, the next command of the same user removes it.
+/// A private folder for temporary files, below the system's temporary folder: other users can neither read nor create
+/// it. It is removed when it goes out of scope. After a kill, the next command of the same user removes it.
 pub struct TemporaryFolder {
     folder: TemporaryFile,
     base: PathBuf,
@@ -72,7 +72,7 @@ impl TemporaryFolder {
             Ok(TemporaryFolder { folder: TemporaryFile::new(path), base, _lock: lock })
         };
         let failed = |e: io::Error| Fault::machine(format!("cannot make a folder in {}: {e}", temporary.display()));
-        // Another command may remove the common folder when it ends.
+        // Another command that ends may remove the common folder.
         make().or_else(|_: io::Error| make()).or_else(|_| make()).map_err(failed)
     }
 
@@ -116,7 +116,7 @@ fn base(temporary: &Path) -> io::Result<PathBuf> {
 }
 
 fn remove(path: &Path) {
-    // It may not exist; a failure to remove it is ignored.
+    // The file may not exist; a failure to remove it is ignored.
     let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
 }
 

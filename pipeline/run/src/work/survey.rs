@@ -91,7 +91,7 @@ impl UnitWorker<'_> {
         format!("{:?} {rows:?} {:?}", self.graph.line_inputs(&it), self.graph.line_set(unit.table, unit.instance))
     }
 
-    /// An unusable line is skipped and reported; the others are gathered.
+    /// An unusable line is skipped and reported; the other lines are gathered.
     pub(super) fn survey(&self, units: &[PlanUnit], usable: &LineUsability) -> Vec<UnitResult> {
         let all = |fault: Fault| units.iter().map(|u| UnitResult::failed(*u, fault.clone())).collect();
         let stages = match units.iter().map(|u| self.instance(*u).stage()).collect::<Result<Vec<_>, Fault>>() {

@@ -11,11 +11,11 @@ use schemas::{Fault, canonical::FlightConversion, flight};
 
 use super::text::InitSource;
 
-/// Length of the running mean with which manoeuvres are compared, in seconds.
+/// Length of the running mean from which manoeuvres deviate, in seconds.
 const MEAN_S: f64 = 10.0;
 /// An aircraft counts as flying above this ground speed, in m/s.
 const FLYING_M_S: f64 = 3.0;
-/// Number of time steps from which the rate of a line is found.
+/// Number of time steps from which the rate of a line is determined.
 const STEPS: usize = 5_000;
 
 /// One line of a log.
@@ -187,12 +187,12 @@ impl TableFindings {
         self.vectors = vectors;
     }
 
-    /// Whether it has values of a column.
+    /// Whether the table has values of a column.
     pub fn has(&self, name: &str) -> bool {
         self.columns.get(name).is_some_and(|c| c.known > 0)
     }
 
-    /// The lowest rate of its lines, in Hz.
+    /// The lowest rate of the table's lines, in Hz.
     pub fn rate_hz(&self) -> Option<f64> {
         self.lines.values().filter_map(|l| l.rate_hz).reduce(f64::min)
     }

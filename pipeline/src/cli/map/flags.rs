@@ -20,13 +20,13 @@ pub trait FlagStage: Stage + Clone {
     const OWN: &'static [&'static str] = &[];
 }
 
-/// Other names of a flag, and its value when given without one.
+/// Other names of a flag, and the value of the flag when it is given without a value.
 pub struct FlagSpelling {
     /// The parameter.
     param: &'static str,
     /// Other names of the flag.
     names: &'static [&'static str],
-    /// Value of the flag when given without one.
+    /// Value of the flag when it is given without a value.
     bare: Option<&'static str>,
 }
 
@@ -210,7 +210,7 @@ impl<S: FlagStage> StageFlags<S> {
     }
 }
 
-/// Terms of a spec, with their counterparts in commands.
+/// Terms used in specs, with the corresponding terms in commands.
 const TERMS: [(&str, &str); 6] = [
     ("`map_fill`", "`magline map fill`"),
     ("`map_continue`", "`magline map continue`"),

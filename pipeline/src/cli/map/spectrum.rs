@@ -24,7 +24,7 @@ pub struct SpectrumArgs {
     threads: ThreadArgs,
 }
 
-/// Parser of a taper by its word.
+/// Parser of a taper from its name in a spec.
 fn taper() -> impl TypedValueParser<Value = MapTaper> {
     let read = |word: String| MapTaper::read(&Literal::Text(word)).ok_or("it is not a taper");
     PossibleValuesParser::new(MapTaper::WORDS).try_map(read)

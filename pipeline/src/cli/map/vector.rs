@@ -43,7 +43,7 @@ pub struct VectorArgs {
     threads: ThreadArgs,
 }
 
-/// Parser of a component by its word in a spec.
+/// Parser of a component from its name in a spec.
 pub fn component() -> impl TypedValueParser<Value = VectorComponent> {
     let read = |word: String| VectorComponent::read(&Literal::Text(word)).ok_or("it is not a component");
     PossibleValuesParser::new(VectorComponent::WORDS).try_map(read)

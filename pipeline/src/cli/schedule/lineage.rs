@@ -60,7 +60,7 @@ impl LineageSink {
     /// Queues an event.
     pub fn send(&self, event: Value) {
         if let Some(sender) = self.sender.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
-            // If the thread has ended, it has reported the reason.
+            // A thread that has ended has already reported the reason.
             let _ = sender.send(event);
         }
     }

@@ -70,7 +70,7 @@ pub struct RunEnd<'a> {
     pub status: RunStatus,
     /// Message for the user.
     pub error: Option<String>,
-    /// Summary of the run, if it got that far.
+    /// Summary of the run; `None` if the run ended before it had one.
     pub summary: Option<&'a RunSummary>,
 }
 
@@ -94,11 +94,11 @@ pub struct RunWatchState {
     pub root: Option<PathBuf>,
     /// Absolute path of the store, for messages.
     pub store: Option<String>,
-    /// Hash of the request and the data.
+    /// Hash of the computation and its data.
     pub run: Option<String>,
     /// The outcome and the seconds of each table that is done.
     pub tables: Vec<(String, OutcomeCounts, f64)>,
-    /// Holder of the lock, if it is another run.
+    /// Holder of the lock, if another run holds it.
     pub held: Option<ForeignLock>,
     of: Option<LineageRun>,
     lineage: Vec<TableLineage>,
