@@ -265,7 +265,7 @@ fn turned(at: PaperPoint, text: &str, size: f64, anchor: TextAnchor) -> SceneMar
     SceneMark::Text { at, text: text.to_owned(), size, anchor, turned: true }
 }
 
-/// Panels below each other, with the parts behind them, and the lower edge of the last panel.
+/// Panels below each other, with the parts in their background, and the lower edge of the last panel.
 fn panels(picture: &FlightPicture, top: f64) -> (Vec<SceneMark>, f64) {
     let mut marks = vec![];
     let time = (picture.time.first().copied().unwrap_or(0.0), picture.time.last().copied().unwrap_or(1.0));

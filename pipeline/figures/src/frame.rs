@@ -103,8 +103,8 @@ pub fn bottom_margin(picture: &MapPicture) -> f64 {
     LENGTH + TICK + 4.0 + if labels(picture, 0.0).0.is_some() { 20.0 } else { 0.0 }
 }
 
-/// Names of the axes: the given names; for metres the quantity and unit; none for degrees, whose ticks include the
-/// unit. The vertical name is omitted if the frame is too low for the name.
+/// Names of the axes: the given names; otherwise, quantity and unit for metres, and none for degrees, whose ticks
+/// include the unit. The vertical name is omitted if the frame is too low for the name.
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),

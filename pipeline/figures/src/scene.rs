@@ -120,7 +120,7 @@ pub enum SceneMark {
     Fade {
         /// Position.
         rect: Rect,
-        /// Colours at even distances, from the bottom or the left.
+        /// Evenly spaced colours, from the bottom or from the left.
         colours: Vec<[u8; 3]>,
         /// Direction: bottom to top if true, otherwise left to right.
         upward: bool,

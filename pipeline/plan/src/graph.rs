@@ -30,7 +30,7 @@ pub struct PlanGraph<'a> {
     pub lines: Vec<(String, String)>,
     /// The records of each table of flights.
     pub records: Vec<BTreeMap<LineId, LineRecord>>,
-    /// The files behind each table of flights, then behind each map.
+    /// The files from which each table of flights was read, then the files of each map.
     pub bytes: Vec<Vec<FileDigest>>,
     /// Folders with the quality figures of each table of flights.
     pub quality: Vec<Vec<PathBuf>>,
@@ -61,7 +61,7 @@ pub struct PlanUnit {
     pub line: Option<LineId>,
 }
 
-/// Location of the values of a column: a stage and the column's name there.
+/// Location of the values of a column: a stage, and the column's name in this stage.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ColumnLocation {
     /// The stage that made the column.
@@ -223,7 +223,7 @@ impl<'a> PlanGraph<'a> {
         ColumnLocation { made_by, column: column.to_owned() }
     }
 
-    /// The stage that made a column of `r`, and the index of the column there.
+    /// The stage that made a column of `r`, and the index of the column in this stage.
     pub(super) fn made_by(&self, mut r: TableRef, name: ColumnNumber) -> (TableRef, Option<usize>) {
         while let TableRef::Stage(t, i) = r {
             let node = &self.plan.tables[t];

@@ -9,7 +9,7 @@ const MOST: u64 = 1 << 22;
 /// Number of shards, large enough that threads rarely wait for each other.
 const SHARDS: u64 = 64;
 
-/// Cache of keys by number. If there are more numbers than slots, a key replaces an older one, which is recomputed on
+/// Cache of keys by number. If there are more numbers than slots, a key replaces an older key, which is recomputed on
 /// demand.
 pub struct KeyCache {
     shards: Vec<Mutex<Vec<[u64; 3]>>>,

@@ -1,4 +1,5 @@
-//! In-sample lines: lines that were used to fit the models, noises and maps behind a score, or to choose parameters.
+//! In-sample lines: lines that were used to choose parameters, or to fit the models, noises and maps on which a score
+//! depends.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, btree_map::Entry},
@@ -37,8 +38,8 @@ impl PlanGraph<'_> {
         seen.get_or_init(|| InSampleLines::new(self, t)).as_ref().map_err(Clone::clone)
     }
 
-    /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a
-    /// table that lacks this column or makes the column in its own stage.
+    /// Whether `line` is in sample for the scores `r`, for a stage that reads the column [`IN_SAMPLE`] of the scores;
+    /// `None` for a table that lacks this column or makes the column in its own stage.
     ///
     /// # Errors
     /// Fails if the goal of the search selects no line.
@@ -77,7 +78,7 @@ impl<'a> InSampleColumn<'a> {
         Ok(Some(InSampleColumn { graph, seen }))
     }
 
-    /// Number of in-sample lines and number of all lines behind the rows of a unit.
+    /// Number of in-sample lines, and number of all lines, from which the rows of a unit were computed.
     pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {
@@ -89,7 +90,7 @@ impl<'a> InSampleColumn<'a> {
     }
 }
 
-/// The table of scores of a point, and the point there: the table itself, or the input of a pooling stage.
+/// The table of scores of a point (the table itself, or the input of a pooling stage), and the point of that table.
 fn scores_of(graph: &PlanGraph, t: usize, i: usize) -> Option<(usize, usize)> {
     let node = &graph.plan.tables[t];
     if node.entry.grain == Grain::Line {
@@ -101,7 +102,7 @@ fn scores_of(graph: &PlanGraph, t: usize, i: usize) -> Option<(usize, usize)> {
     })
 }
 
-/// Lines in sample at each point of one table, sorted.
+/// In-sample lines of each point of one table, sorted.
 pub struct InSampleLines(Vec<Arc<BTreeSet<LineId>>>);
 
 impl InSampleLines {

@@ -140,7 +140,7 @@ impl Drop for ClientRecord {
     }
 }
 
-/// Client of a connection, among the extensions of its requests.
+/// Client of a connection, stored in the extensions of the connection's requests.
 #[derive(Clone)]
 pub struct PortClient(Arc<ClientRecord>);
 
@@ -157,7 +157,7 @@ impl PortClient {
         }
         if !self.0.known.swap(true, Ordering::Relaxed) {
             entries.known += 1;
-            // The sender is dropped, so the client is not disconnected any more.
+            // The sender is dropped, so the client is no longer disconnected after the time limit.
             entries.strangers.remove(&self.0.number);
         }
         true

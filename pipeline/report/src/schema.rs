@@ -1,7 +1,7 @@
 //! JSON Schema of a spec, from the declarations of the stages, for the completion and the checks of editors.
 //!
 //! The schema accepts every valid spec. It does not accept most specs with a misspelt key, a value of a wrong type or a
-//! number outside its limits; relations between tables are left to `magline check`.
+//! number outside its limits; only `magline check` checks relations between tables.
 
 use std::collections::BTreeMap;
 
@@ -49,7 +49,7 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
         ModelOptions::docs(&lists),
         publish::ProtectionKeys::docs(&lists),
     ];
-    // The kind of a table is known from its file alone, so the keys of all kinds are accepted.
+    // Only the file shows the kind of a table, so the keys of all kinds are accepted.
     let mut source = group(&sources.concat());
     put(&mut source, "path", text("The file, folder or pattern, relative to the folder of the spec."));
     put(&mut source, "where", text("For a model: an SQL condition that selects one of several models."));

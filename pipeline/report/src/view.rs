@@ -76,7 +76,7 @@ impl From<Fault> for ViewFault {
     }
 }
 
-/// The store behind a view.
+/// The store that a view shows.
 pub struct StoreView {
     root: PathBuf,
     objects: Arc<PackReader>,

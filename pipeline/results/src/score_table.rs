@@ -16,7 +16,8 @@ const AXIS_WIDTH: usize = 12;
 
 /// The scores as text: at most `most` rows of at most `width` characters (at least 80). The columns before the axes
 /// hold the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for in-sample rows. The last
-/// column holds the number of flagged lines. Single in-sample values also have `~`. A legend below explains the signs.
+/// column holds the number of flagged lines. Single in-sample values are also marked with `~`. A legend below explains
+/// the signs.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));

@@ -20,7 +20,7 @@ pub fn point_words(point: &SweepPoint) -> String {
     point.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ")
 }
 
-/// Rows of words in columns: the first `left` flush left, the other columns flush right.
+/// Rows of words in columns: the first `left` columns flush left, the other columns flush right.
 pub fn columns(table: &[Vec<String>], left: usize) -> String {
     let table: Vec<Vec<String>> =
         table.iter().map(|row| row.iter().map(|word| one_line(word).into_owned()).collect()).collect();

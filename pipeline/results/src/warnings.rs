@@ -357,7 +357,7 @@ fn group_text(warnings: &[Warning], group: &[usize]) -> String {
     text
 }
 
-/// The navigation behind some tables, if any.
+/// The navigation from which some tables were computed, if any.
 pub fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
     match plan.upstream(inputs, StageRole::EstimatesTrack) {
         Some(TableRef::Stage(t, i)) => Some((t, i)),

@@ -140,7 +140,7 @@ impl WorkerCommand {
             let whole = |r: &Receipt| r.refused.is_some() || !r.ended && r.units.len() >= wanted;
             match answer {
                 Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
-                    // A result that is found after a loss was computed by the lost worker.
+                    // If a result is found after a loss, the lost worker had computed it.
                     let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == UnitOutcome::Reused);
                     found.for_each(|a| a.outcome = UnitOutcome::Computed);
                     return Some(receipt);

@@ -100,7 +100,7 @@ impl<'a> TableAssembler<'a> {
         rows * row_bytes(&self.schema)
     }
 
-    /// Whether a line behind the rows of a unit is in sample; `None` for tables without scores.
+    /// Whether one of the lines from which a unit's rows were computed is in sample; `None` for tables without scores.
     fn in_sample(&self, unit: PlanUnit) -> Option<bool> {
         self.in_sample.as_ref().map(|column| column.lines(unit).0 > 0)
     }

@@ -1,7 +1,7 @@
 //! Origin of each row of a table's full, logical form: the units that contain its columns.
 //!
 //! A published table holds the keys and the columns that its stage made. A column that passes through is in the unit
-//! of an ancestor table, with the same rows. The ancestor is reached through a number of steps along the chain of first
+//! of an ancestor table, with the same rows. The number of steps to the ancestor is counted along the chain of first
 //! inputs. This file has one row per unit, with the keys of the units on its chain. Its metadata give the number of
 //! steps to each column, once per occurring pattern.
 

@@ -26,9 +26,9 @@ pub struct Aggregate {
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
-    /// Numbers of samples behind values that differ only in the samples they use.
+    /// Numbers of samples, for values that differ only in the samples from which they are computed.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// For each line or set of lines: the number of published numbers, and the largest number of samples behind one of
+    /// For each line or set of lines: the number of published numbers, and the largest number of samples for one of
     /// them.
     numbers: BTreeMap<String, (usize, i64)>,
 }
@@ -43,7 +43,8 @@ impl Aggregate {
     }
 }
 
-/// Figures of the small table `t`, which is made from `reached`; or the reason why it is not an aggregate.
+/// Numbers of samples of the small table `t`, which is made from `reached`; or the reason why the table is not an
+/// aggregate.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -120,8 +121,7 @@ pub fn judge(
     Ok(own.map(|()| found))
 }
 
-/// Reason why the author could have selected the samples behind the values of the table `t`; `None` if that is
-/// impossible.
+/// Reason why the author could have selected the samples for the values of the table `t`; `None` if that is impossible.
 fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();

@@ -72,7 +72,7 @@ pub fn files(folder: &Path) -> io::Result<Vec<String>> {
         }
         for entry in entries {
             let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
-            // A link counts as a file, independent of its target.
+            // A link is listed as a file, independent of its target.
             if entry.file_type()?.is_dir() {
                 waiting.push((entry.path(), format!("{name}/")));
             } else {
@@ -98,7 +98,7 @@ impl FolderDraft {
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
         match fs::create_dir(&path) {
-            // The folder was left by a killed process with the same number.
+            // The folder is the remainder of a killed process with the same process id.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_dir_all(&path)
                     .and_then(|()| fs::create_dir(&path))

@@ -38,8 +38,8 @@ pub struct Lineage<'a> {
     /// Columns that the stage of each table reads, which may affect all columns it makes.
     reads: HashMap<String, Vec<LineageColumn>>,
     sources: HashMap<&'a str, &'a ProtectionKeys>,
-    /// Small tables that depend on restricted columns, each with its figures, or with the reason why it is not an
-    /// aggregate.
+    /// Small tables that depend on restricted columns, each with its numbers of samples, or with the reason why it is
+    /// not an aggregate.
     aggregates: HashMap<String, Result<Aggregate, String>>,
 }
 
@@ -100,7 +100,7 @@ impl<'a> Lineage<'a> {
         is.then_some(*protection)
     }
 
-    /// Columns that a column is made from, row by row.
+    /// Columns from which a column is made, row by row.
     fn above(&self, (table, column): &LineageColumn) -> Vec<LineageColumn> {
         let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
@@ -147,7 +147,7 @@ impl<'a> Lineage<'a> {
     }
 }
 
-/// Records the columns that each column of `tables` was made from.
+/// Records the columns from which each column of `tables` was made.
 pub fn describe(lineage: &Lineage, tables: &mut [ReleaseTable]) {
     for table in tables {
         let Some(stage) = lineage.stages.get(&table.name) else { continue };

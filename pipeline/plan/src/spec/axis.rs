@@ -18,8 +18,8 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 ///
 /// A value may itself be a list of strings or numbers. `"$axis"` is then replaced by that list where a parameter takes
 /// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. Its key column holds text, the
-/// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
-/// and each in the given order. An entry that is a list is included or omitted as a whole.
+/// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the shorter lists
+/// first, each with its entries in the given order. An entry that is a list is included or omitted as a whole.
 ///
 /// # Errors
 /// Fails with the faults of the values, each with its position.

@@ -100,7 +100,7 @@ impl SpecParser {
             verify_inputs: false,
             settle: None,
         };
-        // The first trials are known without any scores.
+        // The first trials do not depend on any scores.
         let first = spec.search.as_ref().map(|search| SearchState::new(search).rows());
         Some(match first {
             Some(rows) => spec.with_trials(&rows),
@@ -117,14 +117,14 @@ impl SpecParser {
         Some(search)
     }
 
-    /// The name of the pipeline: given, or the file's stem.
+    /// The name of the pipeline: as given in the spec, or the stem of the file's name.
     fn name_of(&mut self, root: &DeTable, file: &str) -> Option<String> {
         let stem = || PathBuf::from(file).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let (name, at) = self.text(root, "name").unwrap_or_else(|| (stem(), 0..0));
         self.identifier(&name, at).then_some(name)
     }
 
-    /// The store's folder as given; or the folder of its copy, and its address.
+    /// The store's folder as given in the spec; or the folder of the store's copy, and the store's address.
     fn store(&mut self, root: &DeTable) -> (PathBuf, Option<(ObjectAddress, SpecSpan)>) {
         let Some((store, at)) = self.text(root, "store") else { return ("store".into(), None) };
         if store.contains("://") {

@@ -114,7 +114,7 @@ pub fn with_unit(value: Option<f64>, unit: &str) -> String {
     number(value) + &unit
 }
 
-/// The lines behind a value, in words.
+/// Description of the lines from which a value is computed.
 fn place(held_out: usize, all: usize) -> String {
     match (held_out, all) {
         (0, 1) => ", on one line in sample".to_owned(),
@@ -163,7 +163,8 @@ fn interval(source: &ReportSource, board: &ScoreBoard, row: usize, metric: &str)
     Ok(None)
 }
 
-/// The values of the lines behind a value, worst first: the held-out lines, or all lines if every line is in sample.
+/// The values of the lines from which a value is computed, worst first: the held-out lines, or all lines if every line
+/// is in sample.
 fn lines(source: &ReportSource, board: &ScoreBoard, row: usize, metric: usize) -> Result<Vec<AnswerLine>, Fault> {
     let instance = board.instances.get(row).copied().unwrap_or(0);
     let seen = source.graph.seen(board.table)?;

@@ -18,7 +18,7 @@ pub struct ScoreBoard {
     pub table: usize,
     /// Scores.
     pub scores: Scores,
-    /// The instance behind each row.
+    /// The instance of the table for each row.
     pub instances: Vec<usize>,
     /// The metrics that have a value and no column in the table of scores.
     pub more: Vec<MoreScores>,
@@ -85,7 +85,7 @@ impl ScoreBoard {
         self.scores.ranked(metric)
     }
 
-    /// The instance behind a row.
+    /// The instance of the table for a row.
     pub fn instance(&self, row: usize) -> usize {
         self.instances.get(row).copied().unwrap_or(0)
     }
@@ -141,7 +141,7 @@ pub mod tests {
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);
         assert_eq!(board.ranked(0), [2, 1, 0, 3]);
-        // The expected value is 2, and 2.5 is nearer to 2 than 9 and 0.2 are.
+        // The expected value is 2, which is nearer to 2.5 than to 9 or to 0.2.
         assert_eq!(board.ranked(2), [1, 0, 3]);
         assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
     }

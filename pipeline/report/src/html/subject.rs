@@ -179,7 +179,7 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     let plan = source.graph.plan;
     let find = |role: StageRole| plan.upstream(from, role);
     let compensate = find(StageRole::Compensates);
-    // Only the model behind this compensation is shown, not a model of another branch.
+    // Only the model of this compensation is shown, not a model of another branch.
     let model = compensate.and_then(|r| plan.upstream(&[r], StageRole::FitsModel));
     let fit = model.or_else(|| find(StageRole::FitsModel));
     let navigate = find(StageRole::EstimatesTrack);

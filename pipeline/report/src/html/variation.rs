@@ -78,7 +78,7 @@ fn spelt(instance: &StageInstance, axis: &str) -> String {
     instance.point().get(axis).map(ToString::to_string).unwrap_or_default()
 }
 
-/// The magnetometer that a model is fitted to, as text.
+/// The magnetometer to which a model is fitted, as text.
 fn target(instance: &StageInstance) -> Option<String> {
     instance.params().into_iter().find(|(name, _)| *name == "target").map(|(_, value)| value)
 }

@@ -57,7 +57,7 @@ fn rows<const N: usize>(table: &ViewTable, point: &ViewPoint, columns: [&str; N]
     table.rows_at(point, &columns)
 }
 
-/// The texts of a column; a column of another type counts as damage.
+/// The texts of a column; a column of another type is treated as damage.
 fn texts<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a StringArray, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     found.ok_or_else(|| Fault::machine(format!("the table has no text column `{name}`")))

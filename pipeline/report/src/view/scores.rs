@@ -115,19 +115,19 @@ impl StoreView {
     }
 }
 
-/// The column `name` of a batch; a column of another type counts as damage.
+/// The column `name` of a batch; a column of another type is treated as damage.
 pub(super) fn numbers<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Float64Array, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
     found.ok_or_else(|| Fault::machine(format!("the scores have no numeric column `{name}`")))
 }
 
-/// The counts of a column; a column of another type counts as damage.
+/// The whole numbers of a column; a column of another type is treated as damage.
 pub(super) fn counts<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Int64Array, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Int64Type>());
     found.ok_or_else(|| Fault::machine(format!("the scores have no column `{name}` of whole numbers")))
 }
 
-/// The marks of a column; a column of another type counts as damage.
+/// The Boolean values of a column; a column of another type is treated as damage.
 pub(super) fn truths<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::BooleanArray, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_boolean_opt());
     found.ok_or_else(|| Fault::machine(format!("the scores have no Boolean column `{name}`")))

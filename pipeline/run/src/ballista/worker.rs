@@ -35,7 +35,7 @@ use crate::{
     task::{Receipt, Task, VERSION},
 };
 
-/// Lifetime of a process without a task. While the process lives, the store counts as in use.
+/// Lifetime of a process without a task. The store is in use while the process lives.
 const RESTS: Duration = Duration::from_secs(5);
 /// A rejected task is retried for this time, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);

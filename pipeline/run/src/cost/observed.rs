@@ -43,7 +43,7 @@ pub struct TableWork {
     pub parts: BTreeMap<String, WorkAmounts>,
     /// Units.
     pub units: f64,
-    /// Rows that reach these units.
+    /// Input rows of these units.
     pub rows_in: f64,
     /// Numbers per input row, summed over the units.
     pub reads: f64,

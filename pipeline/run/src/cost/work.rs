@@ -275,7 +275,7 @@ impl<'a> WorkEstimator<'a> {
         self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 1.0) * of_row as f64
     }
 
-    /// Rows that reach a unit: of its line, of all its lines, or of its maps.
+    /// Input rows of a unit: the rows of its line, of all its lines, or of its maps.
     fn rows_of_inputs(&self, unit: PlanUnit, it: &StageInstance) -> f64 {
         match (it.node.entry.grain, unit.line) {
             (Grain::Map, _) => it.inputs().iter().map(|r| self.rows_of_map(*r)).sum(),
