@@ -85,7 +85,7 @@ pub struct ReleaseSummary {
     pub failures: usize,
     /// Restricted columns that were published, each with its origin.
     pub restricted: Vec<String>,
-    /// Rule that permitted each table.
+    /// Rule that permitted the publication of each table.
     pub rules: Vec<(String, String)>,
     /// Columns that an earlier run has recorded as restricted, and that the spec no longer restricts.
     pub lifted: Vec<String>,
@@ -265,7 +265,7 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<TableSelection>, Fault> {
     Ok(found)
 }
 
-/// Planned columns of the requested tables. Their files contain a subset.
+/// Columns of the requested tables in the plan; the files of the tables contain a subset of them.
 fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<String>)> {
     let plan = graph.plan;
     let one = |chosen: &TableSelection| match *chosen {

@@ -63,7 +63,7 @@ impl PlanBuilder<'_> {
         }
     }
 
-    /// Order of the stages, each after its inputs.
+    /// Order in which each stage follows its inputs.
     fn order(&mut self) -> Vec<usize> {
         let names: Vec<Vec<String>> = self.spec.stages.iter().map(|s| self.inputs_of(s)).collect();
         let n = self.spec.stages.len();

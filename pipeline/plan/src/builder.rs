@@ -32,7 +32,7 @@ pub enum TableUse {
 pub struct PlanBuilder<'a> {
     pub spec: &'a Spec,
     pub catalogue: &'a [StageEntry],
-    /// Recorded facts that replace reading the inputs.
+    /// Recorded facts of the inputs, which then need not be read.
     pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,

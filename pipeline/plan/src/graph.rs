@@ -176,7 +176,7 @@ impl<'a> PlanGraph<'a> {
         self.sets.point_lines(table, instance)
     }
 
-    /// The number of the set of lines of an instance: equal sets have equal numbers.
+    /// Number that identifies the set of lines of an instance: equal sets have equal numbers.
     pub fn line_set(&self, table: usize, instance: usize) -> u32 {
         self.sets.set(table, instance)
     }

@@ -123,7 +123,7 @@ impl SweepGrid {
     }
 }
 
-/// The mapping from the points of one grid to those of another.
+/// Mapping from the points of one grid to the points of another grid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SweepPointMap {
     steps: Vec<SweepStride>,

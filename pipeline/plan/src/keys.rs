@@ -223,7 +223,7 @@ impl PlanGraph<'_> {
         Ok(HashKey::of_bytes(&text))
     }
 
-    /// Whether a line is in sample of the input scores, if `column` is `IN_SAMPLE`.
+    /// Whether a line is in sample for the input scores, if `column` is `IN_SAMPLE`.
     fn read_in_sample(
         &self,
         (kind, r): (InputKind, TableRef),

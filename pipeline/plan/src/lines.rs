@@ -30,8 +30,8 @@ impl LineSets {
         &self.sets[self.set(t, i) as usize]
     }
 
-    /// Number of the set of lines that the point `i` of the table `t` uses. Points with the same lines have the same
-    /// number.
+    /// Number that identifies the set of lines of the point `i` of the table `t`. Points with the same lines have the
+    /// same number.
     pub fn set(&self, t: usize, i: usize) -> u32 {
         *self.of[t].at(i)
     }

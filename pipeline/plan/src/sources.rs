@@ -51,7 +51,7 @@ pub struct Flights {
     pub notes: Vec<String>,
     /// Whether the bytes of the files are read even if the files appear unchanged.
     pub read_all: bool,
-    /// Division of flights that replaces the lines of the files.
+    /// Division of the flights into lines, which replaces the lines of the files.
     division: Option<FlightDivision>,
     files: Vec<FlightFile>,
 }

@@ -1,5 +1,5 @@
 //! The parameters, inputs and outputs of a stage over a sweep: parameters are checked once for each combination of the
-//! axes that they mention, columns once for each combination with the tables that reach the stage.
+//! axes that they mention, columns once for each combination of parameters and input tables.
 
 use std::{
     collections::HashMap,

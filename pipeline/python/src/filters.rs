@@ -32,8 +32,8 @@ type TrackColumn<'py> = (String, String, Bound<'py, PyAny>);
 type Calibration = (Vec<String>, Vec<f64>, Vec<f64>, Option<f64>);
 
 /// Filters a line with the stage `navigate`. `keys` are the parameters of the stage. `line` has the columns of the
-/// flight: numbers, text, or a matrix with the names of its entries. `rate_hz` is the rate of differences in a matrix.
-/// Returns the columns of the stage, its notes, and the warnings of the track as JSON.
+/// flight: numbers, text, or a matrix with the names of its entries. `rate_hz` is the sample rate of the differences in
+/// a matrix. Returns the columns of the stage, its notes, and the warnings of the track as JSON.
 #[pyfunction]
 #[pyo3(signature = (keys, line, rate_hz, map, models))]
 pub fn navigate<'py>(

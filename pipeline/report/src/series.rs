@@ -127,7 +127,7 @@ pub struct Series {
     pub batch: RecordBatch,
     /// Whether the rows are minima and maxima.
     pub is_thinned: bool,
-    /// For each column, the largest difference between a stored value and its original, in the unit of the column.
+    /// Largest difference between a stored value and its original, for each column, in the unit of the column.
     pub errors: Vec<f64>,
 }
 

@@ -24,7 +24,7 @@ use super::{
     layout::TableLayout,
 };
 
-/// Columns of a logical table: axes, then all columns that the ancestor stages pass through.
+/// Columns of a logical table: axes, then all columns that its stage makes or passes through.
 ///
 /// # Errors
 /// Fails if the types of a column at different sweep points do not fit one table.

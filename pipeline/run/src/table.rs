@@ -204,7 +204,7 @@ impl<'a> PlanRunner<'a> {
         tasks
     }
 
-    /// Units of a chunk, one per key, in groups that share work. Survey units of a group see the same lines; other
+    /// Units of a chunk, one per key, in groups that share work. Survey units of a group use the same lines; other
     /// units are ordered line by line.
     fn together(&self, sheet: &TableProgress, pending: &[usize]) -> Vec<Vec<usize>> {
         let mut seen = HashSet::new();

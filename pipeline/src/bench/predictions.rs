@@ -93,7 +93,7 @@ impl Predictions {
         task.columns.iter().map(of).collect()
     }
 
-    /// For each sample of each line, the row of its prediction; `None` if it is not predicted.
+    /// Row of the prediction of each sample of each line; `None` for a sample without a prediction.
     ///
     /// # Errors
     /// Fails for rows of a line that is not scored, rows at an unknown time, or duplicate rows.

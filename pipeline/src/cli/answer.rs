@@ -166,7 +166,7 @@ impl BatchSink for AnswerWriter {
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        /// Memory of a cell as text in the table format, in addition to its value, in bytes.
+        /// Additional memory of a cell for its text in the table format, in bytes.
         const CELL: usize = 160;
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());

@@ -49,7 +49,7 @@ pub struct SchedulerArgs {
     /// 0.0.0.0.
     #[arg(long, value_name = "NAME")]
     advertise: Option<String>,
-    /// Time without a report from a worker after which its tasks are dispatched to other workers.
+    /// The time without a report from a worker after which the tasks of this worker are dispatched to other workers.
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
     #[command(flatten)]
@@ -144,7 +144,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
 /// Computes the tasks of a scheduler until a stop signal arrives.
 ///
 /// # Errors
-/// Fails if the scheduler is another version or cannot reach this worker.
+/// Fails if the scheduler has another version or cannot reach this worker.
 pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();

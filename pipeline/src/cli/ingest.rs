@@ -393,7 +393,7 @@ fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
 fn is_reported(measure: &QualityMeasure) -> bool {
     match measure.check {
         QualityFigure::Rate | QualityFigure::Jitter | QualityFigure::Midnight => false,
-        // Estimates of position have a step at each fix.
+        // Estimated positions have a step at each fix, which is not an irregularity.
         QualityFigure::Spikes => {
             !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth
         }

@@ -63,8 +63,8 @@ pub struct TaskArgs {
     /// The number of threads; all cores by default. Results do not depend on this number.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// Time limit of a unit, such as 90s or 2h. After it, the process ends with exit status 1, and the unit counts as a
-    /// unit whose worker was lost.
+    /// Time limit of a unit, such as 90s or 2h. After this time, the process ends with exit status 1, and the unit
+    /// counts as a unit whose worker was lost.
     #[arg(long, value_name = "TIME", value_parser = age)]
     unit_timeout: Option<Duration>,
     /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.

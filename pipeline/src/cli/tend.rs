@@ -21,8 +21,8 @@ pub struct StoreArgs {
     store: Option<PathBuf>,
 }
 
-/// The store `given`, otherwise the folder `store` in the current folder or in its parent. If the store was not given,
-/// its location is printed to standard error, unless it is in the current folder.
+/// The store `given`, otherwise the folder `store` in the current folder or in its parent. The location of a store that
+/// was not given is printed to standard error, unless it is in the current folder.
 pub fn found_store(given: Option<&Path>) -> PathBuf {
     let here = PathBuf::from("store");
     if let Some(given) = given {

@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// Up to this number of threads is accepted on every machine, so that scripts written for larger machines run.
+/// Numbers of threads up to this one are accepted on every machine, so that scripts written for larger machines run.
 const ALWAYS: usize = 64;
 /// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;

@@ -28,8 +28,7 @@ pub struct Aggregate {
     least_ratio: f64,
     /// Numbers of samples, for values that differ only in the samples from which they are computed.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// For each line or set of lines: the number of published numbers, and the largest number of samples for one of
-    /// them.
+    /// Number of published numbers, and largest number of samples for one of them, for each line or set of lines.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 

@@ -33,14 +33,14 @@ impl ReleaseVerification {
         self.faults.push((file.to_owned(), why.into()));
     }
 
-    /// Removes the further reasons of a missing file.
+    /// Removes all later faults of a file after the fault that the file is missing.
     fn merge(&mut self) {
         let mut missing = BTreeSet::new();
         self.faults.retain(|(file, why)| !missing.contains(file) && (why != MISSING || missing.insert(file.clone())));
     }
 }
 
-/// Reason of a missing file.
+/// Reason reported for a missing file.
 const MISSING: &str = "it is missing";
 
 /// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.

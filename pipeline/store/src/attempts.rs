@@ -30,8 +30,8 @@ use crate::clock;
 
 /// Folder of the attempts in a store.
 pub const FOLDER: &str = "attempts";
-/// Digits of a key that form its mark, digits of the unique name, and maximum number of units per object. These numbers
-/// are limited because some servers store objects as files, whose names have at most 255 bytes.
+/// Number of digits of a key that form its mark, number of digits of the unique name, and maximum number of units per
+/// object. These numbers are limited because some servers store objects as files, whose names have at most 255 bytes.
 const MARK: usize = 4;
 const NAME: usize = 16;
 const MOST: usize = 24;

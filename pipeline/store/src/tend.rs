@@ -88,7 +88,7 @@ pub struct GcReport {
     pub bytes: u64,
     /// Versions, as `pipeline/number`.
     pub versions: Vec<String>,
-    /// Number of files that did not verify.
+    /// Number of files whose verification failed.
     pub damaged: usize,
     /// Folders that are kept because they contain files that magline did not write.
     pub foreign: Vec<PathBuf>,

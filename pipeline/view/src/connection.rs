@@ -54,7 +54,7 @@ const READS: Duration = Duration::from_secs(30);
 const ANSWERS: Duration = Duration::from_secs(30);
 /// Time limit for the first byte of a download.
 const DOWNLOADS: Duration = Duration::from_secs(600);
-/// Interval of checks whether the file of a download is complete.
+/// Interval at which the file of a download is checked for completeness.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);

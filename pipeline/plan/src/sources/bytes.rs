@@ -122,7 +122,7 @@ impl FileFact {
         self
     }
 
-    /// Caches the fact under `key`. After a failed write, the file is only read again.
+    /// Caches the fact under `key`. If this fails, the file is read again next time.
     pub(super) fn keep(&self, store: &Store, key: HashKey) {
         if let Ok(text) = note::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);

@@ -206,7 +206,7 @@ struct IngestOptions<'a> {
     threads: usize,
     /// Whether the bytes of each file are read even if they are cached.
     read_all: bool,
-    /// Division of flights that replaces the lines of the file.
+    /// Division of the flights into lines, which replaces the lines of the file.
     division: Option<&'a FlightDivision>,
 }
 

@@ -38,7 +38,7 @@ pub fn figure_files(page: &str) -> Vec<FigureFile> {
         let (figure, after) = rest.split_at(end);
         rest = after;
         let (opening, inner) = figure.split_once('>').unwrap_or((figure, ""));
-        // Pictures of definitions and of table cells have no text for screen readers.
+        // Only figures have a text for screen readers; pictures in definitions and in table cells have none.
         let Some(label) = attribute(opening, "aria-label").filter(|_| opening.contains("role=\"img\"")) else {
             continue;
         };

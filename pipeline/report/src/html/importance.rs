@@ -34,7 +34,7 @@ struct ImportanceRanking {
     swarm: BeeswarmSamples,
 }
 
-/// The axes that give a seed. Points that differ only in these axes are one model with other random draws.
+/// The axes that give a seed. Points that differ only in these axes are the same model with other random draws.
 fn seeds(spec: &Spec) -> Vec<&str> {
     let given = spec.stages.iter().filter_map(|stage| match &stage.args.get("seed")?.value {
         Literal::Text(axis) => axis.strip_prefix('$'),

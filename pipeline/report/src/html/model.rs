@@ -12,7 +12,7 @@ use schemas::Fault;
 
 use super::{source::ReportSource, subject::ReportSubject};
 
-/// At a higher condition number, individual coefficients lose at least three of the significant digits of the data.
+/// Individual coefficients lose three of the significant digits of the data if the condition number is at least this.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.

@@ -61,8 +61,8 @@ impl<'a> ReportSource<'a> {
         Ok(numbers.map(|a| a.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))
     }
 
-    /// The values of each element of a list of numbers on one line; `None` as for [`ReportSource::floats`]. A missing
-    /// value is NaN.
+    /// The values of each element of a list of numbers on one line; `None` in the cases of [`ReportSource::floats`]. A
+    /// missing value is NaN.
     ///
     /// # Errors
     /// Fails if the store is damaged.

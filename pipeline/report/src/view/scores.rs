@@ -23,7 +23,7 @@ use super::{
 };
 use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
 
-/// Size of an answer, in bytes.
+/// Maximum size of an answer, in bytes.
 const BUDGET: usize = 120_000_000;
 /// Maximum number of rows of a table of scores whose lines are read.
 const MOST_ROWS: usize = 4_000_000;

@@ -24,8 +24,8 @@ const START_KEYS: [&str; 6] = [
 /// Two accuracies count as equal if the ratio of the DRMS with a remedy to the DRMS without it is at most this.
 const EQUAL_DRMS: f64 = 1.05;
 
-/// If the flag remains, a remedy is an improvement if the ratio of the DRMS with the remedy to the DRMS without it is
-/// at most this.
+/// A remedy that does not remove the flag is an improvement if the ratio of the DRMS with the remedy to the DRMS
+/// without it is at most this.
 const BETTER_DRMS: f64 = 0.8;
 
 /// Change of the keys of a navigation that may remove a warning.

@@ -30,7 +30,7 @@ use futures::TryStreamExt;
 
 use crate::{children::ProcessStopHandle, task::VERSION};
 
-/// After a stop signal, a worker process must finish its unit within this time.
+/// Time that a worker process has to finish its unit after a stop signal.
 const GRACE: Duration = Duration::from_secs(10);
 
 /// Wire form of a task.

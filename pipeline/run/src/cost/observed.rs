@@ -70,7 +70,7 @@ pub struct CostObservation {
     pub memory: Option<f64>,
 }
 
-/// Name of the work of a run outside its tables.
+/// Name under which the work of a run outside its tables is recorded.
 pub const RUN: &str = "(run)";
 
 impl TableWork {
@@ -223,7 +223,7 @@ fn whole(text: &str) -> Option<&str> {
     (HashKey::from_parts([records]).to_string() == sum).then_some(records)
 }
 
-/// Whether a file of records verifies.
+/// Whether the checksum of a file of records is correct.
 pub fn is_whole(bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes).is_ok_and(|text| whole(text).is_some())
 }

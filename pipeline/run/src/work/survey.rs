@@ -70,7 +70,7 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
 }
 
 impl UnitWorker<'_> {
-    /// Groups of points that see the same lines of the same tables.
+    /// Groups of points that use the same lines of the same tables.
     pub(super) fn by_lines_seen(&self, units: &[PlanUnit]) -> Vec<Vec<PlanUnit>> {
         let mut groups: Vec<Vec<PlanUnit>> = vec![];
         let mut at: HashMap<String, usize> = HashMap::new();
@@ -84,7 +84,7 @@ impl UnitWorker<'_> {
         groups
     }
 
-    /// Lines, tables and rows that a survey stage sees.
+    /// Lines, tables and rows that a survey stage uses.
     pub fn seen(&self, unit: PlanUnit) -> String {
         let it = self.instance(unit);
         let rows = it.predicate.as_ref().map(|p| p.canonical.clone());

@@ -24,7 +24,7 @@ pub struct InfoArgs {
 pub fn run(args: &InfoArgs) -> Result<(), ExitReason> {
     let mut last = Ok(());
     for path in &args.maps {
-        // The other maps are still reported.
+        // If a map cannot be read, the other maps are still reported.
         match args.input.read(path) {
             Ok(map) => {
                 let summary = map.summary().map_err(Fault::from)?;

@@ -23,7 +23,7 @@ const REQUEST: Duration = Duration::from_secs(5);
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Sending ends after this number of consecutive unsent events.
 const ENOUGH: usize = 3;
-/// At its end, a run waits for unsent events at most for this time.
+/// Maximum time for which a run that ends waits for unsent events.
 const FLUSH: Duration = Duration::from_secs(15);
 /// Path of the events below the address of a server.
 const ENDPOINT: &str = "/api/v1/lineage";
