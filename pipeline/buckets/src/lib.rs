@@ -1,7 +1,7 @@
 //! Object stores: `s3://`, `gs://` and `az://` as locations of stores, inputs and published sets.
 //!
-//! [`Bucket`] is their interface for the rest of the crate: objects by name below an address, read and written as a
-//! whole, with optional conditions on writes. Copies are kept in a folder of this machine, the cache: see [`cache`].
+//! Other modules use object stores through [`Bucket`]: it reads and writes whole objects by name below an address, with
+//! optional conditions on writes. Copies are kept in a folder of this machine, the cache: see [`cache`].
 
 mod address;
 mod bucket;

@@ -1,8 +1,8 @@
 //! Profiles of the AWS command line: `AWS_PROFILE` in `~/.aws/credentials` and `~/.aws/config`.
 //!
 //! Reads access keys from these files, with the region and the endpoint. Credentials that a program must request
-//! (single sign-on, roles, `credential_process`) are not read: `aws configure export-credentials --format env` turns
-//! them into variables.
+//! (single sign-on, roles, `credential_process`) are not read: `aws configure export-credentials --format env` prints
+//! them as environment variables.
 
 use std::{collections::HashMap, env, fs, io, path::PathBuf};
 

@@ -62,8 +62,8 @@ fn name(step: f64, unit: &str) -> String {
     format!("contours every {step} {unit}, heavy lines every {heavy}")
 }
 
-/// Lines of one value, in the map's coordinates, by marching squares; the mean of a saddle cell determines the
-/// connection of its lines.
+/// Lines of one value, in the map's coordinates, by marching squares; the mean of a saddle cell determines which lines
+/// are connected in it.
 fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     let mut links: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for row in 0..sheet.y.len.saturating_sub(1) {

@@ -1,4 +1,5 @@
-//! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to within a metre.
+//! Geometry on the globe for KML: maps are divided into parts that do not cross the date line, and tracks are thinned
+//! to within a metre.
 
 use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;

@@ -131,7 +131,8 @@ pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f6
         }
         AxisQuantity::Metres => ticks::linear(range.0, range.1, most),
     };
-    // Space that a label needs along the axis: its height on a vertical axis, the widest label on a horizontal axis.
+    // Space that a label needs along the axis: its height on a vertical axis, the width of the widest label on a
+    // horizontal axis.
     let label = match side {
         MapAxis::Up => TICK,
         MapAxis::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),

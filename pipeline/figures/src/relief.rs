@@ -26,8 +26,8 @@ const GENTLE: f64 = 0.9;
 
 /// Light on each node of `sheet` relative to level ground, which has 1; unknown nodes also have 1. `ground` is the
 /// ratio of a step along x to a step along y on the ground. Heights are scaled so that the steepest tenth of the map
-/// begins at 45 degrees. Slopes are then flattened smoothly to at most 45 degrees, because the long tail of an
-/// anomaly's gradients would be black. [Horn, Hill shading and the reflectance map, Proc. IEEE 69, 1981]
+/// begins at 45 degrees. Slopes are then flattened smoothly to at most 45 degrees, because the steepest gradients of an
+/// anomaly would otherwise be black. [Horn, Hill shading and the reflectance map, Proc. IEEE 69, 1981]
 pub fn light(sheet: &DisplayGrid, ground: f64, shade: &HillShading) -> Vec<f64> {
     let slopes: Vec<(f64, f64)> = (0..sheet.values.len()).map(|k| slope(sheet, k, ground)).collect();
     let mut steep: Vec<f64> = slopes.iter().map(|(e, n)| e.hypot(*n)).filter(|s| *s > 0.0).collect();

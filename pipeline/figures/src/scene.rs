@@ -184,7 +184,7 @@ pub struct FigureScene {
     pub marks: Vec<SceneMark>,
 }
 
-/// Width of a letter of size 1: as in the pixel painter, which is slightly more than in the fonts of most viewers.
+/// Width of a letter of size 1 in the pixel painter, slightly larger than in the fonts of most viewers.
 const LETTER: f64 = 7.0 / 12.0;
 
 /// Width of a line of text.

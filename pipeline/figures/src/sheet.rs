@@ -39,8 +39,8 @@ struct NodeWeights {
     weights: Vec<f64>,
 }
 
-/// Values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node per pixel
-/// the nodes are averaged, weighted by the area of their cells within the pixel. Along other axes the nodes are
+/// Values of `window` for a picture of `size` pixels (width, height). If an axis has more than one node per pixel, the
+/// nodes are averaged along it, weighted by the area of their cells within the pixel. Along other axes the nodes are
 /// unchanged.
 pub fn sheet(picture: &MapPicture, window: &MapWindow, size: (usize, usize)) -> DisplayGrid {
     let (x, across) = shares(&picture.x, window.x, size.0);

@@ -55,8 +55,8 @@ pub fn drawn(track: &TrackLine, index: usize, frame: &MapFrame, tolerance: f64) 
     Ok(TrackDrawing { marks, colour, name })
 }
 
-/// Positions of a track on the paper. A longitude is shifted by a full turn to the map; if it then jumps to the other
-/// side of the earth, the line is broken.
+/// Positions of a track on the paper. A longitude is shifted by a full turn towards the map; where consecutive shifted
+/// longitudes jump to the other side of the earth, the line is broken.
 fn spots(track: &TrackLine, frame: &MapFrame) -> Vec<Option<PaperPoint>> {
     let middle = 0.5 * (frame.window.x.0 + frame.window.x.1);
     let mut out = Vec::with_capacity(track.x.len());

@@ -194,7 +194,7 @@ impl PlanBuilder<'_> {
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 
-    /// Whether a key column of a stage holds the parameter of the same name, set by the axis of that name.
+    /// Whether a key column of a stage holds a parameter of the same name whose value comes from the axis of that name.
     fn is_own_value(&self, node: &TableNode, column: &Column) -> bool {
         let given = self.spec.stages.get(node.decl).and_then(|decl| decl.args.get(&column.name));
         let axis = given.and_then(|given| given.value.as_text()).and_then(|text| text.strip_prefix('$'));

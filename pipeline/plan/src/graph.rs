@@ -214,7 +214,8 @@ impl<'a> PlanGraph<'a> {
         }
     }
 
-    /// Origin of the column `column` of `r`: the stage that made it, upstream of all stages that only pass it on.
+    /// Origin of the column `column` of `r`: the upstream stage that made the column, as opposed to stages that only
+    /// pass it on.
     pub fn origin(&self, r: TableRef, column: &str) -> ColumnLocation {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,

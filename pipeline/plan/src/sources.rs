@@ -326,7 +326,7 @@ impl MapSource {
         }
     }
 
-    /// The key of its content, and the bytes of its files; the grid or the model itself is put into the store.
+    /// The key of the content, and the hashes of the files; the grid or the model itself is put into the store.
     ///
     /// # Errors
     /// Fails if it cannot be read.

@@ -363,7 +363,8 @@ impl VariantCollector {
         next
     }
 
-    /// The variants and their tables in the order in which `values` first names them, which is the order of the sweep.
+    /// The variants and their tables, in the order of their first occurrence in `values`, which is the order of the
+    /// sweep.
     fn in_order(self, values: &mut [u32]) -> VariantCollector {
         let mut place: Vec<Option<u32>> = vec![None; self.variants.len()];
         let mut order: Vec<u32> = vec![];

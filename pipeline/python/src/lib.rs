@@ -1,7 +1,6 @@
 //! The extension module `magline._magline`. The package `magline` in the folder `magline/` wraps its functions.
 //!
-//! The module sets no allocator of its own, because a library that is loaded at run time has little thread-local
-//! memory.
+//! The module sets no allocator, because a library that is loaded at run time has little thread-local memory.
 
 mod attended;
 mod command;

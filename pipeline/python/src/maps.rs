@@ -100,8 +100,8 @@ fn plane(grid: &PyReadonlyArray2<'_, f64>, spacing_m: [f64; 2]) -> PyResult<(Pla
     Ok((PlaneGrid { north_m, east_m, values: grid.as_slice()?.to_vec() }, [rows, columns]))
 }
 
-/// North, east and down components of the field of a map of the total-field anomaly, and whether they are damped
-/// because the core field is nearly horizontal. Rows run to the north.
+/// North, east and down components of the anomalous field, from a map of the total-field anomaly, and whether the
+/// components are damped because the core field is nearly horizontal. Rows run to the north.
 #[pyfunction]
 pub fn vector<'py>(
     py: Python<'py>,

@@ -120,7 +120,7 @@ pub fn catalogue() -> Vec<StageEntry> {
 /// Computes the hashes of the sources again. A module may define functions and constants after a part.
 ///
 /// # Errors
-/// Fails with Raises `ValueError` if a source is not available.
+/// Raises `ValueError` if a source is not available.
 pub fn settle(py: Python<'_>) -> PyResult<()> {
     py.import("magline.parts")?.call_method0("_settle").map(|_| ())
 }
@@ -129,8 +129,7 @@ pub fn settle(py: Python<'_>) -> PyResult<()> {
 /// `declaration` is JSON.
 ///
 /// # Errors
-/// Fails with Raises `ValueError` for a name that a built-in part or another function has, or for an invalid
-/// declaration.
+/// Raises `ValueError` for a name that a built-in part or another function has, or for an invalid declaration.
 #[pyfunction]
 pub fn register_part(kind: &str, declaration: &str, run: Py<PyAny>) -> PyResult<()> {
     register(kind, declaration, run).map_err(PyValueError::new_err)

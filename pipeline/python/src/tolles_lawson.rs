@@ -86,8 +86,8 @@ pub struct FitFilter {
 }
 
 /// Ridge fit of `y` to the columns of `a` without a constant. Returns the coefficients, the standard deviation of the
-/// residual, the condition number and the number of rows. Rows with a value that is not finite are excluded; they and
-/// the gaps of `tt_s` end a run of the filter.
+/// residual, the condition number and the number of rows. Rows with a value that is not finite are excluded; such rows
+/// and the gaps of `tt_s` end a run of the filter.
 #[pyfunction]
 #[pyo3(signature = (a, y, lambda, filter, tt_s))]
 pub fn fit<'py>(

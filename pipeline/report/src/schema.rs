@@ -80,7 +80,8 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
     })
 }
 
-/// The forms of a stage: one for each choice of its key, such as the models of `fit`, and one whose choice is an axis.
+/// The forms of a stage: one for each choice, such as the models of `fit`, and one form in which an axis makes the
+/// choice.
 fn variants(entry: &StageEntry) -> Vec<Value> {
     let mut by_key: BTreeMap<&str, Vec<&ChoiceDoc>> = BTreeMap::new();
     for kind in &entry.kinds {

@@ -116,8 +116,8 @@ pub struct SeriesWindow {
 pub enum SeriesPrecision {
     /// Float64.
     Full,
-    /// Differences from an offset as Float32 if their error is below 10⁻⁵ of the range of 90 % of the values; otherwise
-    /// Float64. Times are Float64.
+    /// Differences from an offset as Float32, if their error is below 10⁻⁵ of the range that contains 90 % of the
+    /// values; otherwise Float64. Times are Float64.
     Compact,
 }
 

@@ -277,8 +277,8 @@ fn made_by(spec: &Spec) -> Option<(String, String)> {
     Some((path.to_string_lossy().into_owned(), HashKey::from_parts([&spec.text]).to_string()))
 }
 
-/// The spec that made the pipeline of `spec` in its store, if it is another spec and the store is outside of the folder
-/// of `spec`. Such a spec must not replace these tables by accident. A store that `--set` names is accepted.
+/// The spec that made the pipeline of `spec` in the store, if that spec is not `spec` and the store is outside of the
+/// folder of `spec`. Such a spec must not replace these tables by accident. A store that `--set` names is accepted.
 pub fn made_by_another(spec: &Spec) -> Option<String> {
     let named = spec.sets.iter().any(|set| set.trim_start().starts_with("store"));
     let inside = match (fs::canonicalize(&spec.folder), fs::canonicalize(&spec.store)) {

@@ -127,8 +127,8 @@ impl Scores {
         self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
     }
 
-    /// The metric that ranks the points: the most significant metric with a value out of sample or, if there is no such
-    /// metric, with any value.
+    /// The metric that ranks the points: the most significant metric with an out-of-sample value or, if no metric has
+    /// such a value, with any value.
     pub fn headline(&self) -> Option<usize> {
         let has = |m: &usize, fit: bool| {
             (0..self.rows.len()).any(|r| self.value(r, *m).is_some() && (fit || !self.is_in_sample(r, *m)))

@@ -1,9 +1,9 @@
 //! Layout of the units of a table in packs.
 //!
 //! The units have one order, given by the plan and the lines, and are divided into chunks of similar size. A chunk is
-//! computed together and becomes one pack. The packs of a run thus do not depend on threads, on time or on the place
-//! where an earlier run was killed. A growing sweep writes packs for the new units. When there are many packs, they are
-//! merged, as by `compact`.
+//! computed together and becomes one pack. The packs of a run thus do not depend on threads, on time or on the progress
+//! of an earlier run that was killed. A growing sweep writes packs for the new units. When there are many packs, they
+//! are merged, as by `compact`.
 
 use std::{collections::HashMap, ops::Range};
 

@@ -70,8 +70,8 @@ fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
 }
 
-/// Patterns in the order of their first occurrence. A sweep of a parameter may give every point its own shape, and most
-/// of these shapes have the same pattern.
+/// Patterns in the order of their first occurrence. A sweep of a parameter may give each point a different shape, but
+/// most of these shapes have the same pattern.
 #[derive(Default)]
 struct DistinctPatterns {
     all: Vec<BTreeMap<String, usize>>,

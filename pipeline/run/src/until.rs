@@ -41,8 +41,8 @@ impl TargetTables {
 }
 
 impl PlanRunner<'_> {
-    /// Whether the table `t`, which is not requested, is left as it is, because updating it would require computing
-    /// some of its units or the units of an input.
+    /// Whether the table `t`, which is not requested, is left as it is, because an update would require some of its
+    /// units, or of an input's units, to be computed.
     pub(super) fn is_left(&self, t: usize, left: &[usize]) -> bool {
         let node = &self.graph.plan.tables[t];
         let on_left = |r: TableRef| matches!(r, TableRef::Stage(up, _) if left.contains(&up));

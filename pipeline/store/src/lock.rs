@@ -3,7 +3,7 @@
 //! On one host, a lock of the operating system excludes other runs; it ends with the process that holds it. A file
 //! system may not show the locks of other hosts. For them, the lease `locks/<pipeline>.lease-<n>` with the highest
 //! number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it, or when
-//! it was made on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
+//! its holder is on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
 //! clock of the file system. The next holder creates the file of the next number, which only one process can do. A
 //! number is not used twice. A process that was paused thus cannot take the lease of another process.
 

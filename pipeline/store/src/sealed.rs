@@ -329,7 +329,8 @@ impl SealedFile {
     }
 }
 
-/// Verified metadata `key` of a file of `size` bytes that ends in `tail`; or the number of bytes required from its end.
+/// Verified metadata `key` of a file of `size` bytes that ends in `tail`; or, if `tail` is too short, the number of
+/// bytes required from the end of the file.
 ///
 /// # Errors
 /// Fails if the file is damaged.

@@ -258,7 +258,7 @@ impl LogExport<'_> {
         Ok(self.folder.join(format!("flight={flight}")).join(name))
     }
 
-    /// Writes a line into its file: as a row group, or as a part of a row group of several short lines.
+    /// Writes a line into the file of its flight: as a row group, or as a part of a row group of several short lines.
     fn write(
         &self,
         flight: &str,

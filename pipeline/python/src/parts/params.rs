@@ -286,8 +286,8 @@ impl PartValues {
         Ok(found)
     }
 
-    /// Names from a template: `{column}_bp` contains the text of the parameter `column`, or is repeated for each
-    /// element of a list of text.
+    /// Names from a template: `{column}_bp` contains the text of the parameter `column`; if the parameter is a list of
+    /// text, there is one name for each element.
     ///
     /// # Errors
     /// Fails if a parameter between braces is missing or not text.

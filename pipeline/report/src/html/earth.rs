@@ -46,8 +46,8 @@ struct KmlTrack {
     alt: [Vec<f64>; 3],
 }
 
-/// The tracks of the plan's results in `store`: of each table of `navigate` the points and lines of the report, or the
-/// lines of `choice`. Pictures of the maps are named after `stem`.
+/// The tracks of the plan's results in `store`: for each table of `navigate`, the points and lines that the report
+/// shows, or the lines of `choice`. Pictures of the maps are named after `stem`.
 ///
 /// # Errors
 /// Fails if there are no results of the plan, no track matches `choice`, or the store is damaged.

@@ -78,7 +78,8 @@ fn plural(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// The column of each node: the column after the column of its last input; sources are next to their first reader.
+/// The column of each node: one after the rightmost column of its inputs; a source is in the column before its first
+/// reader.
 fn columns_of(nodes: &[FlowNode]) -> Vec<usize> {
     let mut column = vec![0usize; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {

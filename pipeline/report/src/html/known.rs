@@ -16,8 +16,8 @@ use super::{
     subject::ReportSubject,
 };
 
-/// The map's value along a line of a table of `map_value`, with the measured and the true anomaly where they
-/// exist; `None` without such a table.
+/// The map's value along a line, from a table of `map_value`, with the measured and the true anomaly if they exist;
+/// `None` without such a table.
 ///
 /// # Errors
 /// Fails if the store is damaged.

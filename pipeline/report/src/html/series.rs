@@ -1,5 +1,5 @@
-//! Series of the points and lines that matter, embedded in the page: the best point on its worst, median and best line,
-//! flagged points on their worst line, and the first point on its median line.
+//! Series of the most important points and lines, embedded in the page: the best point on its worst, median and best
+//! line, flagged points on their worst line, and the first point on its median line.
 //!
 //! Each block is an Arrow IPC stream, compressed with gzip and written in base64. A block has the format of the series
 //! of `magline view`.

@@ -32,7 +32,7 @@ use crate::html::{is_current, metric_json};
 const MOST_CELLS: usize = 400_000;
 /// Maximum number of rows of a table of scores whose lines are compared.
 const MOST_ROWS: usize = 1_000_000;
-/// Maximum number of points in the list of points that only one run has, and of lines in a list of lines.
+/// Maximum length of the list of points that only one run has, and of a list of lines.
 const LISTED: usize = 20;
 const LISTED_LINES: usize = 3;
 

@@ -123,7 +123,8 @@ impl DrawnProfile {
 }
 
 impl StoreView {
-    /// A band of a map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
+    /// A band of a map as a raster of at most `pixels` columns and rows; the map is read from files, or made by a stage
+    /// at a point.
     ///
     /// # Errors
     /// Fails for an unknown table or point, for a table that is not a map, or for a map without this band. Also fails
@@ -155,8 +156,9 @@ impl StoreView {
         }))
     }
 
-    /// The values of a map along a straight line of the plane of longitude and latitude, bilinear between its nodes, as
-    /// JSON. `ends` are latitude and longitude in degrees; distances are in metres on the WGS-84 ellipsoid.
+    /// The values of a map along a straight line in the plane of longitude and latitude, interpolated bilinearly
+    /// between the map's nodes, as JSON. `ends` are latitude and longitude in degrees; distances are in metres on the
+    /// WGS-84 ellipsoid.
     ///
     /// # Errors
     /// Returns the errors of [`StoreView::map`]. Also fails for ends that are equal or that are not positions.
@@ -177,7 +179,8 @@ impl StoreView {
         }))
     }
 
-    /// The map of files, or of a stage at a point, on its native grid, and the unit of its values.
+    /// The map on its native grid, and the unit of its values; the map is read from files, or made by a stage at a
+    /// point.
     fn nodes(&self, name: &str, point: &ViewPoint) -> Result<(AnomalyGrid, String), ViewFault> {
         let (pipeline, own) = name.split_once('.').unwrap_or((name, ""));
         let known = self.pipeline(pipeline)?;

@@ -230,7 +230,7 @@ impl ExecutorService {
     }
 
     /// Waits for the end of the running tasks. Continues to report: the scheduler then dispatches no further tasks to
-    /// this executor, and does not dispatch its running tasks to others.
+    /// this executor, and keeps its running tasks assigned to it.
     async fn finish(&self) {
         loop {
             let _ = timeout(ANSWER, self.beat()).await;

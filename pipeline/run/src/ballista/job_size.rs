@@ -14,9 +14,9 @@ pub const JOBS_A_CORE: usize = 2;
 const MOST_TASKS: usize = 256;
 
 /// Number of tasks of the next job of a wave of `all` tasks, of which some are `waiting`; each task takes `task_s`
-/// seconds. A job has enough work that its overhead is a small share and that the scheduler keeps up with all cores.
-/// Towards the end of a wave jobs become smaller, down to the size at which the overhead remains a small share. A wave
-/// with less work per core is divided evenly.
+/// seconds. A job has so much work that its overhead is a small share of it, and that the scheduler keeps up with all
+/// cores. Towards the end of a wave jobs become smaller, down to the size at which the overhead remains a small share.
+/// A wave with less work per core is divided evenly.
 pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
     let wanted = of((JOB_S / MAX_OVERHEAD).max(SCHEDULING_S * cores as f64));

@@ -451,7 +451,7 @@ mod tests {
     fn unit_shared_columns_and_products_are_counted_once() {
         let mut read = ColumnLists::default();
         let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
-        // Eighteen terms for each of two magnetometers, the first of which is used by two points; then the terms of
+        // Eighteen terms for each of two magnetometers; two points use the first magnetometer. Then follow the terms of
         // another vector magnetometer.
         let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
             .into_iter()

@@ -227,8 +227,8 @@ impl RemoteStore {
         self.keep(&path, &bytes)
     }
 
-    /// Publishes the version in `folder` with its files that are not packs, and moves it to its place in the cache.
-    /// `check` fails if this process may no longer publish.
+    /// Publishes the version in `folder`, together with those of its files that are not packs, and moves the version to
+    /// its place in the cache. `check` fails if this process may no longer publish.
     ///
     /// # Errors
     /// Fails if `check` fails, if another process has published in the meantime, or if the server cannot be reached or
