@@ -41,7 +41,7 @@ fn stretches<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     (0..count).filter_map(move |k| all.get(k * all.len() / count..(k + 1) * all.len() / count))
 }
 
-/// Every n-th of `points`, and the last point, at most `most` + 1 in total.
+/// Every n-th point of `points`, and the last point; at most `most` + 1 points in total.
 pub fn thinned<T: Clone>(points: &[T], most: usize) -> Vec<T> {
     let every = points.len().div_ceil(most.max(1)).max(1);
     let last = points.len().checked_sub(1).filter(|n| n % every != 0).and_then(|n| points.get(n));

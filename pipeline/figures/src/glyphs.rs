@@ -55,7 +55,8 @@ impl TextBitmap {
         ink.copied().unwrap_or(0.0)
     }
 
-    /// Coverage between pixels by a cubic (Catmull and Rom 1974), with edges as steep as in the original size.
+    /// Coverage between pixels, interpolated by a cubic (Catmull and Rom 1974), with edges as steep as in the original
+    /// size.
     fn smooth(&self, x: f64, y: f64, enlarge: f64) -> f32 {
         let (left, top) = (x.floor(), y.floor());
         let (across, down) = (cubic((x - left) as f32), cubic((y - top) as f32));

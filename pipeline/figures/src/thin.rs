@@ -1,6 +1,6 @@
 //! Reduction of the points of a line within a tolerance.
 
-/// Indices of the points to keep of `count`, ascending, with the first and the last. For a dropped point,
+/// Ascending indices of the points to keep among `count` points, including the first and the last. For a dropped point,
 /// `distance(from, to, point)` to the segment between its kept neighbours is at most `tolerance`. [Douglas and Peucker
 /// 1973]
 pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {

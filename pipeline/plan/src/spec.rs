@@ -107,7 +107,7 @@ pub struct StageDecl {
     pub predicate: Option<(String, SpecSpan)>,
     /// Whether the stage's table is published; later stages can read the table in any case.
     pub publish: bool,
-    /// Columns that pass through it and are also written to its published table, each with position.
+    /// Columns that pass through the stage and are also written to its published table, each with its position.
     pub carry: Vec<(String, SpecSpan)>,
     /// Whether its results are stored, with position; otherwise the results are recomputed on demand.
     pub keep: (bool, SpecSpan),

@@ -89,7 +89,7 @@ impl ConnectionRegistry {
     }
 
     /// Adds an unauthenticated client. If there are too many unauthenticated connections, disconnects the oldest
-    /// connection of the address with most connections.
+    /// connection of the address with the most connections.
     fn enter(self: &Arc<ConnectionRegistry>, address: IpAddr) -> (PortClient, oneshot::Receiver<()>) {
         let (out, evicted) = oneshot::channel();
         let mut entries = self.entries();

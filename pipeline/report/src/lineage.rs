@@ -147,7 +147,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         format!("{:?}", table.points.iter().collect::<Vec<_>>()).as_bytes(),
     ])
     .to_string();
-    // In the form of a UUID, as the specification requires; the same tables give the same run.
+    // The identifier has the form of a UUID, as the specification requires; the same tables give the same identifier.
     let id = format!("{}-{}-{}-{}-{}", &run[..8], &run[8..12], &run[12..16], &run[16..20], &run[20..32]);
     json!({
         "eventType": "COMPLETE",

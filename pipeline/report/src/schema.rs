@@ -1,4 +1,4 @@
-//! JSON Schema of a spec, from the declarations of the stages, for the completion and the checks of editors.
+//! JSON Schema of a spec, made from the declarations of the stages; editors use it to complete and check specs.
 //!
 //! The schema accepts every valid spec. It does not accept most specs with a misspelt key, a value of a wrong type or a
 //! number outside its limits; only `magline check` checks relations between tables.

@@ -316,7 +316,7 @@ impl SeriesBuilder {
     }
 }
 
-/// Whether rows of this column are drawn together with another column: positions, and the elements of a list.
+/// Whether the column is drawn together with another column, as are positions and the elements of a list.
 fn is_paired(name: &str) -> bool {
     name.ends_with("lat") || name.ends_with("lon") || list_element(name).is_some()
 }

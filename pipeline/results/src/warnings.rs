@@ -91,7 +91,7 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Warnings of the results that are in the store now, for any outcome of the last run.
+/// Warnings of the results that are in the store now, independent of the outcome of the last run.
 ///
 /// # Errors
 /// Fails if the store cannot be read.
@@ -110,8 +110,8 @@ fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warn
     Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
 }
 
-/// The warnings of the scores `row` of one line of a navigation with these settings. The warnings lack stage, point and
-/// line.
+/// The warnings about the scores `row` of one line, for a navigation with these settings. The warnings lack stage,
+/// point and line.
 pub fn of_navigation(row: &LineMetrics, settings: NavigationSettings) -> Vec<Warning> {
     let facts = LineFacts { row, settings: Some(settings) };
     judge(&facts).into_iter().map(|found| found.in_place((String::new(), SweepPoint::new(), None))).collect()

@@ -42,7 +42,7 @@ pub fn used(process: u32) -> Option<usize> {
     bytes_of(&process.to_string(), "RssAnon:")
 }
 
-/// Size of a process under its name in `/proc`, in bytes; `None` if the system does not report it.
+/// Amount of memory under a key in `/proc/<process>/status`, in bytes; `None` if the system does not report it.
 pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
     let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;

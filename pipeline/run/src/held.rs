@@ -123,7 +123,7 @@ struct ColumnRequest {
     column: String,
 }
 
-/// Adds NaN or null columns for each of `columns` that the batch lacks, in their order.
+/// Adds a column of NaN or null for each of `columns` that the batch lacks; the result is in the order of `columns`.
 ///
 /// # Errors
 /// Fails if Arrow rejects the columns.

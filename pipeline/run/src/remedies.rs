@@ -18,7 +18,7 @@ use super::{Event, INTERRUPTED, Listener, SilentListener, held::LineColumnCache,
 
 /// Tries the remedies of the worst warning of each kind. The first remedy that improves the warning's line is added to
 /// the warning's cause.
-/// A warning that equals one of the last run keeps its cause without a trial.
+/// A warning that equals a warning of the last run keeps its cause without a trial.
 ///
 /// # Errors
 /// Fails if the store cannot be read. A remedy that cannot be computed is skipped.

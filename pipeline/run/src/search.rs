@@ -1,4 +1,4 @@
-//! Search by generations: each generation is planned from the scores of the previous generations, and run.
+//! Search by generations: each generation is planned from the scores of the previous generations, and is then run.
 //!
 //! The store holds only the results of a search, which are addressed by their inputs. A killed search plans its
 //! generations again and finds the finished results in the store. After the last generation all trials are published

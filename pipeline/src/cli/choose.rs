@@ -101,7 +101,7 @@ pub fn started(mapping: Arc<Mapping>, epoch: Option<&str>) -> Result<Arc<Mapping
     mapping.with_epoch(&text).map(Arc::new)
 }
 
-/// The options with identifiers for a file without them: the flight is the name of the file, the line is 1.
+/// The options, with identifiers for a file that has none: the flight is the name of the file, the line is 1.
 pub fn keys(mapped: bool, path: &Path, mut options: FlightOptions) -> FlightOptions {
     if mapped || (options.flight.is_some() && options.line.is_some()) {
         return options;
@@ -111,7 +111,7 @@ pub fn keys(mapped: bool, path: &Path, mut options: FlightOptions) -> FlightOpti
     let names: Vec<String> = opened.schema().fields().iter().map(|f| f.name().clone()).collect();
     let renamed = |key: &str| options.rename.values().any(|name| name == key);
     let has = |key: &str| names.iter().any(|n| n == key) || renamed(key);
-    // A column such as `Line` holds the identifier under another name, which the user must rename.
+    // The user must rename a column such as `Line`, which holds the identifier under another name.
     let similar = |key: &str| names.iter().any(|n| n.to_lowercase().contains(key));
     if options.flight.is_none() && !has("flight") && !similar("flight") {
         let flight = plain(path);

@@ -131,7 +131,7 @@ fn write_figures(folder: &Path, pipeline: &str, figures: &[FigureFile]) -> Resul
     html::write(&list, html::figure_list(pipeline, figures).as_bytes())
 }
 
-/// Whether a file name is that of a figure: a number of three digits or more, words, and `.svg`.
+/// Whether a file name has the form of a figure's name: a number of three digits or more, words, and `.svg`.
 fn is_figure(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     let Some((number, words)) = name.strip_suffix(".svg").and_then(|stem| stem.split_once('-')) else { return false };

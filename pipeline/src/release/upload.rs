@@ -1,4 +1,4 @@
-//! Set at an address of an object store: a copy of the folder that it is written to first.
+//! Published set at an address of an object store: the set is written to a folder first, and the folder is then copied.
 //!
 //! `SHA256SUMS` is written last, and removed before another set replaces the first. Verification thus finds a complete
 //! set, or none.

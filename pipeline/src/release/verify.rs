@@ -43,7 +43,8 @@ impl ReleaseVerification {
 /// Reason reported for a missing file.
 const MISSING: &str = "it is missing";
 
-/// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.
+/// Checks the set in the folder `root`: checksums, files, every value of every table, and the agreement of the
+/// documents with these.
 ///
 /// # Errors
 /// Fails if there is no published set, or the folder cannot be read.

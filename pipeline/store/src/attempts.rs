@@ -7,7 +7,8 @@
 //! The files are not synced to the disk, because a power loss is not the fault of a unit.
 //!
 //! In an object store, an attempt has one object `attempts/<name>-<marks>` per 24 units. The marks are the first digits
-//! of the keys. A worker thus finds the objects that may concern its units by one listing, and reads only those.
+//! of the keys. A worker thus finds the objects that may concern its units through one listing, and reads only these
+//! objects.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -264,7 +265,7 @@ impl Store {
         }
     }
 
-    /// Removes the attempts at units that are `done`, and attempts as old as `older_than`.
+    /// Removes the attempts at units that are `done`, and attempts that are at least as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(HashKey) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
             // Remaining objects are removed later.

@@ -1,11 +1,11 @@
 //! Lock of a pipeline: one run of it at a time in a store, on any host.
 //!
 //! On one host, a lock of the operating system excludes other runs; it ends with the process that holds it. A file
-//! system may not show the locks of other hosts. For them, the lease `locks/<pipeline>.lease-<n>` with the highest
-//! number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it, or when
-//! its holder is on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
-//! clock of the file system. The next holder creates the file of the next number, which only one process can do. A
-//! number is not used twice. A process that was paused thus cannot take the lease of another process.
+//! system may not show the locks of other hosts. For other hosts, the lease `locks/<pipeline>.lease-<n>` with the
+//! highest number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it,
+//! or when its holder is on this host and the lock is free. A lease is also over when it was not written for
+//! [`GONE_AFTER`], by the clock of the file system. The next holder creates the file of the next number, which only one
+//! process can do. A number is not used twice. A process that was paused thus cannot take the lease of another process.
 
 mod holder;
 
@@ -36,7 +36,7 @@ pub use holder::{LockHolder, boot, host};
 const BEAT: Duration = Duration::from_secs(10);
 /// Upper limit of lease numbers, which increase by one; a file with a higher number is ignored.
 const MOST: u64 = 1 << 53;
-/// Age of the last renewal at which a holder on another host is assumed dead.
+/// A holder on another host is assumed dead if its last renewal is older than this.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
 /// Polling intervals while waiting: for a lock of this machine, and for a lock in an object store.
 const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];

@@ -14,8 +14,8 @@ use super::{Store, catalogue, io_fault, make_folder};
 const SHARED: [&str; 2] = ["sources", "quality"];
 
 impl Store {
-    /// Creates a store in the folder `to` with all results of this store, except those of the units in `but`. Its files
-    /// are links.
+    /// Creates a store in the folder `to` with all results of this store, except the results of the units in `but`. Its
+    /// files are links.
     ///
     /// # Errors
     /// Fails if the file system reports an error.

@@ -57,7 +57,7 @@ impl Store {
         Ok(bytes)
     }
 
-    /// Removes plans as old as `older_than`, except those of the last computation of the tables.
+    /// Removes plans that are at least as old as `older_than`, except the plans of the last computation of the tables.
     pub fn drop_plans(&self, older_than: Duration) {
         if let Some(remote) = self.remote() {
             let _ = remote.drop_objects(FOLDER, &|name, age| HashKey::parse(name).is_some() && age >= older_than);

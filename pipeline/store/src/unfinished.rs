@@ -52,7 +52,8 @@ pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
 /// # Errors
 /// Fails if the file system reports an error.
 pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
-    // No name is used twice: a process that removes the previous folder would remove the next one too.
+    // No name is used twice, because a process that removes the previous folder would also remove a new folder of the
+    // same name.
     static NEXT: AtomicU32 = AtomicU32::new(0);
     for _ in 0..1000 {
         let n = NEXT.fetch_add(1, Ordering::Relaxed);

@@ -267,7 +267,7 @@ params! {
 pub const PROTECTION_KEYS: [&str; 5] = ["restricted", "embargo", "reason", "least_samples", "least_ratio"];
 
 impl ProtectionKeys {
-    /// Removes the keys of the restrictions from the keys of a table and reads them. The table is at the bytes `at`.
+    /// Reads the keys of the restrictions and removes them from the keys of a table. The table is at the bytes `at`.
     ///
     /// # Errors
     /// Fails with all faults, each with its position.

@@ -104,7 +104,7 @@ impl FitModel for PythonModel {
         let inputs = samples.names.iter().enumerate();
         terms.extend(inputs.map(|(i, input)| term(format!("input[{}] {input}", i + 1), 1.0)));
         terms.extend(state.into_iter().map(|(name, value)| term(name, value)));
-        // The model is read from its terms, so that residuals are those of the published table.
+        // The model is read back from its terms, so that residuals belong to the model in the published table.
         let (names, values): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
         let model = LearnedModel::Python(ForeignModel(read(&TermLookup::new(&names, &values)?)?));
         Ok(LearningResult { model, chosen: f64::NAN, curve: vec![], warning: String::new() })

@@ -1,4 +1,5 @@
-//! Parameters of a part: declared in Python, read from a spec, checked, and spelt as those of built-in stages.
+//! Parameters of a part: declared in Python, read from a spec, checked, and spelt like the parameters of built-in
+//! stages.
 
 use std::sync::Arc;
 

@@ -137,7 +137,8 @@ fn excluded(board: &ScoreBoard, row: usize, metric: usize) -> Option<String> {
     (marked > 0).then(|| format!("Flagged on {marked} of {} lines; see the warnings.", board.scores.lines))
 }
 
-/// The confidence interval of a metric at a point, from the first table of `summary` made from this table.
+/// The confidence interval of a metric at a point, from the first table of `summary` that was made from this table of
+/// scores.
 fn interval(source: &ReportSource, board: &ScoreBoard, row: usize, metric: &str) -> Result<Option<(f64, f64)>, Fault> {
     let plan = source.graph.plan;
     let here = TableRef::Stage(board.table, board.instances.get(row).copied().unwrap_or(0));

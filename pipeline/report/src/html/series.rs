@@ -128,8 +128,8 @@ impl SeriesTable {
         SeriesTable { at: self.at, tt: self.tt.clone(), columns }
     }
 
-    /// True latitude and longitude of its rows in degrees; without truth, their estimates; none without these columns.
-    /// The truth is preferred because a diverged estimate may be anywhere.
+    /// Latitudes and longitudes of the table's rows in degrees: the truth or, without a truth, the estimates; empty
+    /// without these columns. The truth is preferred because a diverged estimate may be anywhere.
     fn places(&self) -> Vec<(f64, f64)> {
         let values = |name: &str| self.columns.iter().find(|c| c.name == name).map(|c| &c.values);
         let pair = |lat, lon| values(lat).zip(values(lon));

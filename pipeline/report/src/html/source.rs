@@ -135,7 +135,7 @@ impl<'a> ReportSource<'a> {
         if !self.graph.whole(r).is_ok_and(there) {
             return Ok(None);
         }
-        // A map that no grid of latitude and longitude can hold, around a pole, has no picture.
+        // A map around a pole has no picture, because no grid of latitude and longitude can hold it.
         let Ok(map) = datasets::geographic(&self.graph.map(self.store, r)?) else { return Ok(None) };
         Ok(GeographicGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
     }

@@ -1,4 +1,4 @@
-//! Navigation of a line: true, INS and estimated track, with the filter's covariance of its error.
+//! Navigation of a line: true, INS and estimated track, with the filter's covariance of the estimation error.
 
 use figures::ellipse::Ellipse;
 use numerics::{earth::geodesy::EarthModel, regression::statistics::position_nees};

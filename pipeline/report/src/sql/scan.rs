@@ -322,7 +322,7 @@ impl RowGroupStatistics<'_> {
         StatisticsConverter::try_new(&column.name, &self.0.stored, self.0.files.first()?.parquet_schema()).ok()
     }
 
-    /// The value of a column in each row group, if each has one value and no null.
+    /// The value of a column in each row group, if the column has a single value and no null in each of them.
     fn single_values(&self, name: &str) -> Option<ArrayRef> {
         let column = Column::from_name(name);
         let (least, most) = (self.min_values(&column)?, self.max_values(&column)?);

@@ -39,7 +39,7 @@ const LISTED_LINES: usize = 3;
 /// Axis values of a point, in the order of the compared axes.
 type PointKey = Vec<String>;
 
-/// Position of a point of a run, and of a metric among the names of both runs.
+/// Position of a point among the points of a run, and position of a metric among the names of both runs.
 type CellKey = (usize, u32);
 
 /// Rows of one value.
@@ -346,7 +346,7 @@ impl<'a> RunComparison<'a> {
         (!changed.is_empty()).then(|| format!("different data on {}", listed(&changed)))
     }
 
-    /// Differences of a metric on each line, in the order of the lines; empty for values of unequal rows.
+    /// Differences of a metric on each line, in the order of the lines; empty if the values come from different rows.
     fn paired(&self, at: [usize; 2], metric: &str) -> Vec<f64> {
         let Some(name) = self.names.metrics.find(metric).filter(|_| self.reason(at, metric).is_none()) else {
             return vec![];

@@ -142,7 +142,7 @@ impl<'a> LineFacts<'a> {
         Ok(LineFacts { row, settings: Some(settings) })
     }
 
-    /// Expected error of a map at another height and its limit, in nT, if the error exceeds the limit.
+    /// Expected error of a map at the wrong height, and the limit of this error, in nT, if the error exceeds the limit.
     pub fn map_height_nt(&self) -> Option<(f64, f64)> {
         let limit_nt = limits::map_height_nt(self.settings.as_ref().and_then(|s| s.sigma_nt));
         self.row
@@ -315,7 +315,7 @@ fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: Line
     Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
-/// Estimate of a constant state of a track and its standard deviation, by the last values of its columns.
+/// Estimate of a constant state of a track, and its standard deviation: the last values of the two columns.
 fn constant(name: &str, last: impl Fn(&str) -> Result<Option<f64>, Fault>) -> Result<Option<(f64, f64)>, Fault> {
     let estimate = last(name)?;
     let sigma = if estimate.is_some() { last(&format!("{name}_sigma"))? } else { None };

@@ -93,7 +93,7 @@ impl WarningKind {
     }
 
     /// Whether this warning excludes a score from being the best of a sweep. A filter that diverged or is not
-    /// consistent is excluded for any values of its other metrics.
+    /// consistent is excluded even if its other metrics are good.
     pub fn spoils(self) -> bool {
         match self {
             WarningKind::WorseThanIns

@@ -41,7 +41,7 @@ pub struct JobPlan(PhysicalPlanNode);
 #[derive(Clone, Debug)]
 pub struct LogicalPlanStub;
 
-/// Whether this is the name of a job, which is used as a folder name.
+/// Whether a name is valid for a job; the name is also used as a folder name.
 pub fn names_a_job(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     !name.is_empty() && name.len() <= LONGEST_NAME && name.chars().all(plain)

@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn law_prices_are_recovered_from_exact_samples() {
-        // 3 per unit, 0.002 per row, and 5 per amount of a third kind of work.
+        // Prices: 3 per unit, 0.002 per row, and 5 per amount of a third kind of work.
         let total = |u: f64, r: f64, m: f64| 3.0 * u + 0.002 * r + 5.0 * m;
         let shapes = [(1.0, 10.0, 0.0), (2.0, 9000.0, 0.0), (50.0, 100.0, 1.0), (7.0, 70_000.0, 20.0), (4.0, 1.0, 3.0)];
         let samples: Vec<CostSample> = shapes

@@ -176,7 +176,8 @@ impl CostModel {
             total,
             weight: counts / (total + floor),
         };
-        // The weight is the square root, so that neither long tables nor many short tables dominate.
+        // The weight is the inverse of the square root of the time, so that neither long tables nor many short tables
+        // dominate.
         let time = |(o, w): (&CostObservation, f64)| {
             let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
             CostSample { amounts, total: o.seconds, weight }

@@ -55,8 +55,8 @@ impl InitText<'_> {
         scalar.or_else(|| all.iter().find(|t| !t.vectors.is_empty())).or_else(|| all.first())
     }
 
-    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position
-    /// that it lacks.
+    /// The tables that the spec reads: the main table, and the tables with a vector magnetometer, an attitude or a
+    /// position that the main table lacks.
     fn inputs(&self) -> Vec<&TableFindings> {
         let Some(main) = self.main() else { return vec![] };
         let mut chosen = vec![main];
@@ -287,7 +287,7 @@ fn listed(what: &str, names: &[String]) -> String {
     }
 }
 
-/// A rate as a user would write it: whole numbers within 2 per cent, otherwise three digits.
+/// A rate as a user would write it: a whole number if the rate is within 2 per cent of it, otherwise three digits.
 fn rounded(hz: f64) -> f64 {
     let whole = hz.round();
     if whole >= 1.0 && (hz / whole - 1.0).abs() < 0.02 {

@@ -21,7 +21,7 @@ use super::{
 /// Folders with changing files, and the endings of these files.
 const CHANGING: [(&str, &str); 3] = [("plans", ".json"), ("runs", ".jsonl"), (crate::COSTS, ".json")];
 
-/// Content of `tables/<pipeline>`: the newest version, in the form of the link in a folder store, and its checksum.
+/// Content of `tables/<pipeline>`: the newest version, in the form of the link of a store on disk, and a checksum.
 fn pointer(pipeline: &str, number: u64, sum: &str) -> String {
     format!("../versions/{pipeline}/{number}/tables\n{sum}\n")
 }
