@@ -30,7 +30,8 @@ pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 /// Error measure of a column of predictions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BenchMetric {
-    /// Standard deviation of prediction minus truth, nT, because compensation does not determine the bias.
+    /// Standard deviation of prediction minus truth, in nT; the bias is ignored, because compensation does not
+    /// determine it.
     StdError,
     /// Distance root mean square of two columns, latitude and longitude, in metres.
     Drms,

@@ -9,7 +9,7 @@ const SHORTEST: usize = 6;
 /// Words that occur in the names of variables with secrets, and prefixes of such names.
 const SECRETS: [&str; 8] = ["SECRET", "TOKEN", "KEY", "PASSWORD", "SAS", "CREDENTIAL", "SIGNATURE", "AUTHORIZATION"];
 const PROVIDERS: [&str; 6] = ["AWS_", "AZURE_", "GOOGLE_", "GCP_", "OPENLINEAGE_", "MAGLINE_"];
-/// Phrases before a server's own text, which may repeat parts of the request.
+/// Phrases that precede the text of a server; the text may repeat parts of the request.
 const ANSWERS: [&str; 2] = ["status code: ", "error response: "];
 
 /// Removes secrets from an error. Keeps only status and error code of a server's answer, because its text may repeat

@@ -7,7 +7,7 @@ pub struct Ellipse {
     pub major_m: f64,
     /// Semi-minor axis, in metres.
     pub minor_m: f64,
-    /// Direction of the major axis, degrees east of north, 0 up to 180.
+    /// Direction of the major axis, in degrees east of north, from 0 to below 180.
     pub azimuth_deg: f64,
 }
 

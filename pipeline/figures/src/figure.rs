@@ -28,7 +28,7 @@ const TITLE_LINES: usize = 4;
 const TO_BAR: f64 = 18.0;
 /// The colour bar is placed under a map that is lower than this.
 const LOW: f64 = 150.0;
-/// Minimum width of the frame; longer maps are drawn out of proportion.
+/// Minimum width of the frame; maps that would be narrower are drawn out of proportion.
 const NARROWEST: f64 = 30.0;
 /// Maximum height of the frame, in widths of the paper.
 const HIGHEST: f64 = 1.3;

@@ -37,7 +37,7 @@ pub struct Raster {
     pub size: (usize, usize),
     /// Picture as a PNG file.
     pub png: Vec<u8>,
-    /// Values at even steps of the colour scale, from first to last, in nT.
+    /// Values at evenly spaced steps of the colour scale, from first to last, in nT.
     pub scale: Vec<f64>,
 }
 

@@ -8,7 +8,7 @@ use crate::palette::Palette;
 pub struct HillShading {
     /// Azimuth of the light, degrees east of north.
     pub azimuth_deg: f64,
-    /// Elevation of the light, degrees, above 0 to 90.
+    /// Elevation of the light, in degrees: above 0, at most 90.
     pub elevation_deg: f64,
     /// Strength: 0 for no shading, 1 for full shading with black unlit slopes.
     pub strength: f64,

@@ -141,7 +141,8 @@ impl<'a> PixelInterpolator<'a> {
                 weight += part;
             }
         }
-        // A weight of one half is the edge of a cell. The tolerance covers the rounding of a pixel's position.
+        // A weight of one half corresponds to the edge of a cell. The tolerance covers the rounding of a pixel's
+        // position.
         if weight > 0.5 - 1e-9 { sum / weight } else { f64::NAN }
     }
 }
@@ -204,7 +205,7 @@ mod tests {
             let column = ((k % w) as f64 + 0.5) / 10.0 - 0.5;
             let row = ((h - 1 - k / w) as f64 + 0.5) / 10.0 - 0.5;
             let exact = column.clamp(0.0, 3.0) + 10.0 * row.clamp(0.0, 2.0);
-            // Tolerance for some twenty roundings of numbers up to 23.
+            // Tolerance for about twenty roundings of numbers up to 23.
             assert!((value - exact).abs() < 1e-12, "{k}: {value} {exact}");
         }
     }

@@ -16,7 +16,7 @@ use crate::{
     spec::{Spec, SpecSpan, StageDecl},
 };
 
-/// One table: a stage at every point of the axes it depends on.
+/// One table: a stage at every point of the axes on which it depends.
 pub struct TableNode {
     /// Name in the spec.
     pub name: String,

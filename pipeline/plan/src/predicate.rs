@@ -105,7 +105,7 @@ fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<boo
     let mask: &BooleanArray = array
         .as_boolean_opt()
         .ok_or_else(|| Fault::data(format!("`where` returned {}, not true or false", array.data_type())))?;
-    // SQL: a row for which the predicate is unknown is not selected.
+    // As in SQL, a row for which the predicate is unknown is not selected.
     Ok(mask.iter().map(|x| x.unwrap_or(false)).collect())
 }
 

@@ -90,7 +90,7 @@ pub struct SweepAxis {
     pub name: String,
     /// Position of its declaration.
     pub at: SpecSpan,
-    /// The values of one type, in the spec's order. The key column of a list holds its entries joined by `+`.
+    /// The values, all of one type, in the order of the spec. The key column of a list holds its entries joined by `+`.
     pub values: Vec<Literal>,
 }
 
@@ -109,7 +109,8 @@ pub struct StageDecl {
     pub publish: bool,
     /// Columns that pass through the stage and are also written to its published table, each with its position.
     pub carry: Vec<(String, SpecSpan)>,
-    /// Whether its results are stored, with position; otherwise the results are recomputed on demand.
+    /// Whether the stage's results are stored, with the position of the key; otherwise the results are recomputed on
+    /// demand.
     pub keep: (bool, SpecSpan),
     /// Inputs and parameters, before axes are substituted.
     pub args: SpecEntries,

@@ -79,7 +79,7 @@ fn literal(value: &Bound<'_, PyAny>) -> PyResult<Literal> {
     })
 }
 
-/// Column of a flight, with the unit and role of its name.
+/// Column of a flight, with the unit and role that follow from its name.
 fn column(name: &str, value: &Bound<'_, PyAny>, rate_hz: Option<f64>) -> PyResult<(Field, ArrayRef)> {
     let known = flight::describe(name);
     let of_type = |data_type| field(name, data_type, known.unit, known.role, known.description);

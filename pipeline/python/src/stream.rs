@@ -21,7 +21,7 @@ use crate::faults::value_error;
 #[pyclass(module = "magline._magline")]
 pub struct FilterStream(stream::FilterStream);
 
-/// Error sources by name, in the units of the names. Other sources keep their defaults.
+/// Error sources by name, in the units that the names contain. Other sources keep their defaults.
 fn error_model(given: &BTreeMap<String, f64>) -> PyResult<InsErrorModel> {
     let mut errors = InsErrorModel::default();
     for (name, value) in given {

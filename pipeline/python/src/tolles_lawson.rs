@@ -62,7 +62,7 @@ fn runs_of(vector: [&[f64]; 3], tt_s: Option<&[f64]>) -> PyResult<Vec<Range<usiz
     split(vector.iter().fold(RowMask::all(rows), |mask, column| mask.and_finite(column)), tt_s)
 }
 
-/// Runs of the rows of a mask without a gap of `tt_s`.
+/// Runs of the rows that a mask selects, without a gap of `tt_s`.
 fn split(rows: RowMask, tt_s: Option<&[f64]>) -> PyResult<Vec<Range<usize>>> {
     let Some(tt) = tt_s else { return Ok(rows.runs()) };
     let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(value_error)?;

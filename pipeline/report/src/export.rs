@@ -77,7 +77,7 @@ pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<S
         let texts: Vec<String> = lines.iter().map(|line| format!("'{}'", line.replace('\'', "''"))).collect();
         conditions.push(format!("\"line\" IN ({})", texts.join(", ")));
     }
-    // A comment in the condition ends with its line.
+    // The line break ends a comment in the condition.
     conditions.extend(condition.map(|text| format!("({text}\n)")));
     let conditions = if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
     Ok(format!("SELECT * FROM {}.{}{conditions}", name(pipeline), name(own)))

@@ -86,7 +86,7 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     report_with(graph, store, None)
 }
 
-/// The report with a comparison of its scores with those of an earlier run.
+/// The report with a comparison of its scores with the scores of an earlier run.
 ///
 /// # Errors
 /// Returns the errors of [`report`].
@@ -195,7 +195,7 @@ fn groups(source: &ReportSource, boards: &[ScoreBoard], most: usize) -> Result<(
     Ok((groups, more))
 }
 
-/// The map under the lines of a group, and their tracks.
+/// The map under the lines of a group, and the tracks of the lines.
 fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Fault> {
     let Some((subject, TableRef::Stage(t, i))) = group.subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
         return Ok((None, vec![]));

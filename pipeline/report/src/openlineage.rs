@@ -1,5 +1,5 @@
 //! Events of the OpenLineage specification 2-0-2 for a run: one run for the pipeline, and one child run for each table
-//! of a stage. Datasets are files: `file://<host>` and the path, in the store for tables.
+//! of a stage. Datasets are files, named by `file://<host>` and the path; tables are files in the store.
 //!
 //! The spec and its inputs determine everything except the identifiers of runs and the times of events.
 

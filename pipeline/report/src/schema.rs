@@ -180,7 +180,8 @@ fn group(docs: &[ParamDoc]) -> Value {
     json!({ "type": "object", "properties": keys, "required": required, "additionalProperties": false })
 }
 
-/// Inserts the keys of `docs` and returns the names of required ones. A key of several kinds may have several types.
+/// Inserts the keys of `docs` and returns the names of the required keys. A key of several kinds may have several
+/// types.
 fn insert<'a>(keys: &mut Map<String, Value>, docs: impl Iterator<Item = &'a ParamDoc>) -> Vec<String> {
     let mut required = vec![];
     for doc in docs {
@@ -199,7 +200,7 @@ fn insert<'a>(keys: &mut Map<String, Value>, docs: impl Iterator<Item = &'a Para
     required
 }
 
-/// The values of a key: of its type, or an axis.
+/// The values of a key: values of its type, or an axis.
 fn param(doc: &ParamDoc) -> Value {
     let own = own_type(doc).unwrap_or(json!({}));
     let unit = if matches!(doc.unit, "" | "1") { String::new() } else { format!(" Unit: {}.", doc.unit) };

@@ -101,7 +101,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
     }
     past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
     past_run.snapshot = name;
-    // A line that a power loss truncated ends here.
+    // The line break ends a line that a power loss truncated.
     let line = format!("\n{}", line_of(&past_run)?).into_bytes();
     let path = file(root, pipeline);
     let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
@@ -110,7 +110,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
         // The target of a link is neither written nor copied.
         own_file(root, &path, &options).map_err(refused)?;
     } else {
-        // The name must be synced to the disk as well as the lines.
+        // The name of the file must also be synced to the disk.
         store.write(&path, &[])?;
     }
     repair(store, pipeline, &path)?;

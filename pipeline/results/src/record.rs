@@ -74,7 +74,7 @@ pub struct SnapshotTable {
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
     pub lines: usize,
-    /// Number of units computed in the last measured run, and its time in seconds.
+    /// Number of units computed in the last measured run, and the time of their computation, in seconds.
     pub cost: Option<(usize, f64)>,
 }
 

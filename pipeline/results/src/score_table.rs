@@ -100,7 +100,7 @@ impl ScoreTableView<'_> {
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
-        // Of equal weights, the rightmost metric is omitted first.
+        // Among metrics of equal weight, the rightmost one is omitted first.
         free.min_by_key(|i| (self.scores.metrics[self.metrics[*i]].shown.weight, std::cmp::Reverse(*i)))
     }
 }

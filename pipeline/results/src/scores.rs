@@ -24,7 +24,7 @@ pub struct Scores {
     pub marks: Vec<usize>,
     /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance.
     pub cautious: Vec<usize>,
-    /// The in-sample lines of each row; empty if no row has any.
+    /// The in-sample lines of each row; empty if no row has in-sample lines.
     pub in_sample: Vec<InSampleScores>,
 }
 
@@ -186,7 +186,7 @@ impl Scores {
         self.ranked(metric).first().copied().filter(|r| !self.is_excluded(*r, metric))
     }
 
-    /// Description of the lines that the rows are pooled over.
+    /// Description of the lines over which the rows are pooled.
     pub fn over(&self) -> String {
         let counts = |of: fn(&InSampleScores) -> usize| -> (usize, usize) {
             let all = self.in_sample.iter().map(of);

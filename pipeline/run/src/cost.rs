@@ -61,7 +61,7 @@ pub struct RunCost {
     pub overhead_clock_s: f64,
     /// The number of threads.
     pub threads: usize,
-    /// Speed of this machine relative to the reference machine, 1.
+    /// Speed of this machine relative to the reference machine, whose speed is 1.
     pub speed: f64,
     /// Tables that runs in this store have measured.
     pub measured: usize,

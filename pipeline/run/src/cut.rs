@@ -22,7 +22,7 @@ pub struct TableAssembler<'a> {
     pub schema: SchemaRef,
     /// Hash of these columns.
     pub kind: HashKey,
-    /// Columns that are not made at every point: `tt` and the carried columns.
+    /// Columns that the stage does not make at every point: `tt` and the carried columns.
     passed: Vec<String>,
     /// The column [`IN_SAMPLE`], in a table of scores or of pooled scores.
     in_sample: Option<InSampleColumn<'a>>,

@@ -59,7 +59,7 @@ pub fn limit(memory: usize) {
 }
 
 /// Runs this command again as a child process with `folder` for temporary files, and waits for its end. `unfinished`
-/// gives the file that a killed child leaves behind, by process id.
+/// returns the file that a killed child leaves behind, given the child's process id.
 ///
 /// # Errors
 /// Fails if the child fails. The child has already printed its message.

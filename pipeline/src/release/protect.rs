@@ -20,7 +20,7 @@ use super::{
     set::{ReleaseTable, RestrictedReleaseColumn},
 };
 
-/// Identifiers of a line, columns of every table and score.
+/// Identifiers of a line, which are columns of every table and score.
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
 /// Remedy when restricted data would be published.

@@ -159,7 +159,7 @@ fn unit(line: &str) -> Option<(HashKey, &str)> {
     Some((HashKey::parse(key)?, message))
 }
 
-/// Attempts at each unit, from the strings of the records.
+/// Attempts at each unit, from the texts of the records.
 fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
     let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
     for (key, message) in texts.iter().flat_map(|text| units(text)) {
@@ -178,7 +178,7 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
     own.as_bytes().chunks(MARK).any(|one| std::str::from_utf8(one).is_ok_and(|one| marks.contains(one)))
 }
 
-/// Strings of the attempts in an object store whose names are `wanted`.
+/// Texts of those attempts in an object store whose names are `wanted`.
 fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
     // Readable attempts are counted; unreadable ones are read again when the next units begin.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
@@ -198,7 +198,7 @@ fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
 }
 
 impl Store {
-    /// Strings of all attempts in the folder, with the paths of the files.
+    /// Texts of all attempts in the folder, with the paths of the files.
     fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
         let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
         // An attempt that ends in the meantime is skipped.

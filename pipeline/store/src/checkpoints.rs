@@ -1,7 +1,7 @@
 //! Saved states of units that take minutes. After a run is killed, the next run resumes from these states.
 //!
-//! Each state is a file named by the key of its unit. The file holds the hash of the state, then the state. A file that
-//! does not verify is ignored, because the unit can be recomputed.
+//! Each state is a file named by the key of its unit. The file holds the hash of the state, then the state. A file
+//! whose hash does not match is ignored, because the unit can be recomputed.
 
 use std::{
     fs,

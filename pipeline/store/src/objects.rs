@@ -1,7 +1,7 @@
 //! Reading of results: columns of units, from the packs that hold them.
 //!
-//! Every decoded byte is verified with its checksum. A pack that does not verify is moved to the folder `damaged` and
-//! removed from the catalogue; its units are recomputed.
+//! Every decoded byte is verified with its checksum. A pack whose verification fails is moved to the folder `damaged`
+//! and removed from the catalogue; its units are recomputed.
 
 use std::{
     collections::HashMap,
@@ -69,7 +69,7 @@ struct PackFooter {
 /// Reader of the packs of a store.
 pub struct PackReader {
     root: PathBuf,
-    /// Object store that the folder is a copy of.
+    /// Object store of which the folder is a copy.
     remote: Option<Arc<RemoteStore>>,
     catalogue: RwLock<PackCatalogue>,
     footers: Mutex<HashMap<HashKey, Arc<PackFooter>>>,
@@ -122,7 +122,7 @@ impl PackReader {
         }
     }
 
-    /// Object store that the folder is a copy of, if any.
+    /// Object store of which the folder is a copy, if any.
     pub(super) fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.remote.as_ref()
     }
@@ -215,7 +215,7 @@ impl PackReader {
         self.catalogue().find(key)
     }
 
-    /// Packs that did not verify since the store was opened.
+    /// Packs whose verification has failed since the store was opened.
     pub fn damaged(&self) -> Vec<String> {
         locked(&self.damaged).clone()
     }

@@ -43,8 +43,8 @@ pub fn mark_is_damaged(root: &Path) -> bool {
     paths::read_regular(&root.join("STORE")).is_ok_and(|bytes| bytes != LAYOUT.as_bytes())
 }
 
-/// Reads every byte of a store. Quarantines packs that do not verify. The next run recomputes the results in these
-/// packs, and republishes damaged tables.
+/// Reads every byte of a store. Quarantines packs whose verification fails. The next run recomputes the results in
+/// these packs, and republishes damaged tables.
 ///
 /// # Errors
 /// Fails if a file cannot be read.

@@ -145,7 +145,7 @@ pub fn lines(flights: &Flights, store: &Store, tick: ReadCallback) -> Result<Fli
     Ok(FlightLines { lines: once_each(lines, &files), files, quality })
 }
 
-/// Rejects duplicate lines: they cannot be put in order, so neither part is used.
+/// Rejects duplicate lines: the parts of such a line cannot be put in order, so none of them is used.
 fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
     let mut kept: Vec<LineRecord> = vec![];
     for line in lines {

@@ -17,7 +17,7 @@ pub(super) const UTC: &str = "utc";
 const UNIX_DAY: i64 = 719_163;
 const DAY_S: f64 = 86_400.0;
 
-/// Adder of a column `utc` to the rows of a table, batch by batch.
+/// Adds a column `utc` to the rows of a table, batch by batch.
 ///
 /// The time of a line counts from one midnight, which follows from the first row with a date. The time continues past
 /// 86,400 s on the next day.

@@ -60,7 +60,7 @@ impl<W: Write> GeosoftWriter<W> {
         };
         let units: Vec<String> = fields.iter().map(unit).collect();
         let names: Vec<&str> = fields.iter().map(|field| field.name().as_str()).collect();
-        // The names come last: readers take the last comment before the data.
+        // The names come last, because readers take the names from the last comment before the data.
         writeln!(self.out, "/ units: {}\n/ {}", units.join(" "), names.join(" ")).map_err(|e| write_failed(&e))
     }
 

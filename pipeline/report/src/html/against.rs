@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::explorer::escaped;
 
-/// Comparison of the scores of a report with those of an earlier run.
+/// Comparison of the scores of a report with the scores of an earlier run.
 pub struct ReportComparison {
     /// The earlier run, as the user named it.
     pub run: String,

@@ -257,7 +257,7 @@ fn is_seen(line_tracks: &LineTracks, close: Option<(usize, &Bounds)>, widest: &E
     there >= SMALLEST_PX * Canvas::new(*zoom).metres_per_px() && there >= 0.6 * widest.major_m
 }
 
-/// The largest ellipse of a line and its row.
+/// The largest ellipse of a line, and the row of the ellipse.
 fn widest(line_tracks: &LineTracks) -> Option<(usize, Ellipse)> {
     let there = (0..line_tracks.tt.len()).filter(|k| line_tracks.estimate.at(*k).is_some());
     let all = there.filter_map(|k| line_tracks.ellipse(k, SIGMAS).map(|e| (k, e)));

@@ -275,7 +275,7 @@ impl LineScores {
 }
 
 /// The metrics whose scores of `entries` lines fit into `left` bytes: all metrics of the board, or the metric that
-/// ranks the points, together with its baseline. `None` if these do not fit, or there is no line.
+/// ranks the points, together with its baseline. `None` if these scores do not fit, or there is no line.
 fn affordable(board: &ScoreBoard, entries: usize, left: usize) -> Option<Vec<usize>> {
     let fits = |metrics: &usize| entries.saturating_mul(NUMBER * metrics + 14) <= left;
     let all: Vec<usize> = (0..board.scores.metrics.len()).collect();

@@ -25,7 +25,7 @@ struct FlowNode {
 /// Slot in a column of the flow chart: a box, or a lane for a passing arrow.
 struct FlowSlot {
     node: Option<usize>,
-    /// The slots of the previous column that arrows come from.
+    /// The slots of the previous column from which arrows come.
     from: Vec<usize>,
     y: f64,
 }

@@ -30,8 +30,8 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
     Ok(found.chart().draw())
 }
 
-/// A signal minus core field and temporal variation, and its name. Parts that were already removed are not subtracted
-/// again.
+/// A signal minus core field and temporal variation, and the name of the signal. Parts that were already removed are
+/// not subtracted again.
 fn measured(
     source: &ReportSource,
     subject: &ReportSubject,
@@ -107,7 +107,7 @@ impl MapProfile {
     }
 }
 
-/// The signal minus the mean difference from the map, and that difference.
+/// The signal minus its mean difference from the map, and the mean difference.
 fn on_the_map(signal: &[f64], map: &[f64]) -> (Vec<f64>, f64) {
     let constant = statistics::error_summary(signal, map).mean;
     (signal.iter().map(|x| x - constant).collect(), constant)

@@ -19,7 +19,7 @@ use super::{
 
 /// Maximum number of rows of a table.
 const ROWS: usize = 400;
-/// Maximum number of flights with a picture, and of columns in each.
+/// Maximum number of flights with a picture, and of columns in each picture.
 const PICTURES: usize = 4;
 const LANES: usize = 14;
 

@@ -8,7 +8,7 @@ const KB: usize = 1000;
 /// Bounds of the default, which is a quarter of the machine's memory.
 const LEAST: usize = 256 * KB * KB;
 const MOST: usize = 8 * KB * KB * KB;
-/// Minimum limit; less is not enough for any query.
+/// Minimum limit; a smaller limit is not enough for any query.
 const SMALLEST: usize = 16 * KB * KB;
 
 const UNITS: [(&str, usize); 8] = [

@@ -94,7 +94,7 @@ pub struct DrawnProfile {
     pub lat: Vec<f64>,
     /// Longitude, in degrees.
     pub lon: Vec<f64>,
-    /// Value, bilinear between the nodes; `None` off the map and at unknown nodes.
+    /// Value, interpolated bilinearly between the nodes; `None` off the map and at unknown nodes.
     pub value: Vec<Option<f64>>,
 }
 

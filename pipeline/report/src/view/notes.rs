@@ -69,7 +69,7 @@ pub struct NotedTable {
     pub lines: usize,
 }
 
-/// The notes of a store have the names of stages, not their roles.
+/// The notes of a store contain the names of stages, but not the roles of the stages.
 impl NotedTable {
     /// Whether the table holds the scores of lines.
     pub fn is_scores(&self) -> bool {

@@ -263,7 +263,7 @@ fn is_running(root: &Path, pipeline: &str) -> bool {
     let leases = fs::read_dir(root.join("locks")).into_iter().flatten().flatten();
     let own = leases.filter(|e| e.file_name().to_str().is_some_and(|name| name.starts_with(&start)));
     let newest = own.filter_map(|e| e.metadata().and_then(|m| m.modified()).ok()).max();
-    // A lease in an object store has no file here.
+    // A lease in an object store has no file in the cache.
     newest.is_none_or(|time| SystemTime::now().duration_since(time).is_ok_and(|age| age < SILENT))
 }
 

@@ -12,7 +12,7 @@ use crate::{
     sql::PublishedTableProvider,
 };
 
-/// Part of the error of a lookup that lists known values.
+/// Maximum number of known values that the error of a lookup lists.
 const LISTED: usize = 5;
 
 /// A published table, opened once per version.

@@ -24,7 +24,7 @@ const SHORTEST: usize = 32;
 pub const VARIABLE: &str = "MAGLINE_CLUSTER_KEY";
 /// Name in the certificate.
 const NAME: &str = "cluster.magline.invalid";
-/// Maximum time of a connection attempt, and of the head of an answer.
+/// Maximum time of a connection attempt, and maximum waiting time for the head of an answer.
 const LONGEST: Duration = Duration::from_secs(20);
 /// Interval of keep-alive checks of the other side.
 const ALIVE: Duration = Duration::from_secs(30);

@@ -9,7 +9,7 @@ pub struct CostSample {
     pub amounts: Vec<(String, f64)>,
     /// Measured value.
     pub total: f64,
-    /// Weight; the inverse of the value makes relative errors equal.
+    /// Weight; if it is the inverse of the value, relative errors have equal weight.
     pub weight: f64,
 }
 

@@ -26,8 +26,8 @@ const REFERENCE_S: f64 = 0.000_031_1;
 const TRIES: usize = 15;
 const SAMPLES: usize = 4096;
 
-/// Speed of a processor of this machine relative to the reference machine, 1. The speed follows from the shortest
-/// measured time of a band-pass and a checksum, which take some milliseconds.
+/// Speed of a processor of this machine relative to the reference machine, whose speed is 1. The speed follows from the
+/// shortest measured time of a band-pass and a checksum, which take some milliseconds.
 pub fn speed() -> f64 {
     let x: Vec<f64> = (0..SAMPLES).map(|i| (i as f64 * 0.1).sin()).collect();
     let bytes: Vec<u8> = (0..SAMPLES * 32).map(|i| (i % 251) as u8).collect();

@@ -1,4 +1,4 @@
-//! Survey stages: the lines of a unit are gathered, then concluded.
+//! Survey stages: the lines of a unit are gathered, and the result is then concluded from them.
 
 use std::{
     collections::HashMap,

@@ -111,7 +111,7 @@ impl RemoteStore {
         Ok(done)
     }
 
-    /// Reads every byte of the store, not of the cache. Quarantines packs that do not verify.
+    /// Reads every byte of the store, not of the cache. Quarantines packs whose verification fails.
     ///
     /// # Errors
     /// Fails if the server cannot be reached or reports an error.

@@ -1,4 +1,4 @@
-//! Tables of a GeoPackage: the required ones, and those of the features.
+//! Tables of a GeoPackage: the required tables, and the tables of the features.
 
 use std::collections::HashSet;
 
@@ -115,7 +115,8 @@ fn quoted(name: &str) -> String {
 }
 
 impl FeatureTable {
-    /// A table with geometries of one type. SQLite ignores the case of names, so a name may get a number.
+    /// A table with geometries of one type. SQLite ignores the case of names, so a name that differs only in case gets
+    /// a number.
     pub fn new(name: &str, geometry: &'static str, columns: Vec<FeatureColumn>) -> FeatureTable {
         let reserved = ["gpkg_", "sqlite_", "rtree_"].iter().any(|start| name.to_ascii_lowercase().starts_with(start));
         let name = if reserved { format!("table_{name}") } else { name.to_owned() };
