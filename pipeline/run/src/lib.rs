@@ -156,8 +156,8 @@ fn run_locked(
     Ok(summary)
 }
 
-/// Computes the points of `plan` in one pass. For a search, these are the trials in `plan`, with any scores. Returns
-/// whether the pass was interrupted.
+/// Computes the points of `plan` in one pass. For a search, these are the trials in `plan`, independent of their
+/// scores. Returns whether the pass was interrupted.
 fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn Listener) -> Result<bool, SpecFaults> {
     let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
     let pass = PlanPass { last: true, rows: &[], known: Some(&[]), relay: None };

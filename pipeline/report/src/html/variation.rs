@@ -83,8 +83,8 @@ fn target(instance: &StageInstance) -> Option<String> {
     instance.params().into_iter().find(|(name, _)| *name == "target").map(|(_, value)| value)
 }
 
-/// For each axis of the table, the models of the same magnetometer that differ from the model at `instance` in this
-/// axis alone.
+/// Models of the same magnetometer that differ from the model at `instance` in one axis alone, for each axis of the
+/// table.
 fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
