@@ -404,7 +404,7 @@ impl Stage for Fit {
             made(Column::float("residual_sigma", "nT", "standard deviation of the white residual noise of one sample")),
             made(Column::float("residual_fogm_sigma", "nT", "standard deviation of the Gauss-Markov residual noise")),
             made(Column::float("residual_fogm_tau", "s", "time constant of the Gauss-Markov residual noise")),
-            made(Column::float(RATE, "Hz", "sample rate of the first line, at which terms are differences per sample")),
+            made(Column::float(RATE, "Hz", "sample rate of the first line, to which terms per sample refer")),
         ];
         let mut yields = StageSchema::append(columns, &reads);
         yields.passes = PassThroughColumns::None;

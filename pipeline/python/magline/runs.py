@@ -259,7 +259,7 @@ def run(
         Overrides of the spec: dotted key to new value, such as ``{"axes.lambda": [0.0, 0.025]}``.
         They correspond to ``--set`` of the command. Default: no overrides.
     threads : int, optional
-        Number of threads, 1 or more. Results do not depend on it. Default: one per core.
+        Number of threads, 1 or more. Results do not depend on this number. Default: one per core.
     store : path, optional
         Folder of the store, relative to the current folder, or its address, such as
         ``s3://BUCKET/PREFIX``. It overrides the spec. Default: the store of the spec.

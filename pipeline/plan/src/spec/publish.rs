@@ -259,7 +259,8 @@ params! {
     reason: Option<String>, unit "", default None, absent "no reason";
     /// Minimum number of samples behind each published score or coefficient that is computed from restricted columns.
     least_samples: usize, unit "1", default 100usize, rule Rule::Between(2.0, 1e9);
-    /// Minimum number of samples per published number of one aggregate: scores of a line, coefficients of a model.
+    /// Minimum ratio of the number of samples of an aggregate to the number of values that it publishes, such as the
+    /// scores of a line or the coefficients of a model.
     least_ratio: f64, unit "1", default 10.0, rule Rule::Between(1.0, 1e9);
 }
 
