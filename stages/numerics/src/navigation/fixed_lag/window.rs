@@ -272,8 +272,7 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Cost of a path: half its squared distance, plus the loss of all measurements with a field in `counted`. Where
-    /// `about` has no field, the residual of `counted` is used.
+    /// Half the squared distance plus the loss of all residuals in `counted`, which replace those without a field.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);

@@ -15,7 +15,7 @@ const LEAST_SAMPLES: usize = 64;
 /// Minimum duration of all runs together, and of the longest run, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
 /// The correlated part is significant if it reduces the deviance by at least this amount: the limit for three
-/// parameters at a level of 0.5 %.
+/// parameters at a level of 0.7 %.
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
