@@ -238,9 +238,9 @@ def check(page: Path, text: str, names: Names) -> list[str]:
         with_figures += len(own) if FIGURES.search(columns[-1]) else 0
     faults += [f"{page}: {entry} is missing" for entry in known if entry not in first]
     faults += [f"{page}: {entry} occurs twice" for entry in known if first.count(entry) > 1]
-    counts = f"Of {len(known)} entries, {len(known) - absent} are in magline and {absent} are not there."
+    counts = f"Of {len(known)} entries, {len(known) - absent} are in magline and {absent} are not."
     if with_figures:
-        counts += f" {with_figures} entries have figures of both magline and the thesis."
+        counts += f" For {with_figures} entries, the results of magline and of the thesis are given."
     if known and counts not in " ".join(text.split()):
         faults.append(f'{page}: the counts are wrong, not "{counts}"')
     return faults

@@ -98,7 +98,7 @@ impl PhysicalQuantity {
             PhysicalQuantity::Anomaly => "a magnetic anomaly",
             PhysicalQuantity::Variation => "a temporal variation of the field",
             PhysicalQuantity::Year => "a year of a flight",
-            PhysicalQuantity::Day => "a day of a year",
+            PhysicalQuantity::Day => "a day of the year",
         }
     }
 

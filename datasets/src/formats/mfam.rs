@@ -202,8 +202,8 @@ impl MfamRowParser {
     /// Appends a row.
     fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut MfamBatch) {
         let width = self.columns.len();
-        // NMEA sentences without quotes are split into several values. Empty values at the end may be missing or in
-        // excess.
+        // NMEA sentences without quotes are split into several values. A row may have fewer or more empty values at
+        // its end than the header has columns.
         let spare = record.iter().skip(width + self.rest).any(|w| !w.trim_ascii().is_empty());
         let whole = record.len() >= width && (self.rest > 0 || !spare);
         let mut wrong = |what: ReadError| to.faults.push(RowFault { row: to.rows, fault: what.in_row(row) });

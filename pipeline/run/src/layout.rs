@@ -62,8 +62,8 @@ pub struct PackCover {
 }
 
 /// Finds packs whose units are all needed, without duplicates. For each unit of `layout` that was computed or has
-/// failed, `wanted` holds its pack entry, whose `rows` is ignored. With `strict`, only packs that are whole chunks
-/// count.
+/// failed, `wanted` holds its pack entry, whose `rows` is ignored. With `strict`, a pack counts only if it is a
+/// whole chunk.
 pub fn cover(
     catalogue: &PackCatalogue,
     kind: HashKey,

@@ -295,7 +295,7 @@ impl Listener for ProgressDisplay {
             }
             Event::Trials { .. } => self.change(|state, _| state.within.clear()),
             Event::Trying { table, remedy } => {
-                self.stage(&format!("trying a remedy for a warning of {table}: {remedy}"))
+                self.stage(&format!("trying a remedy for a warning about {table}: {remedy}"))
             }
             Event::Publishing { table } => self.stage(&format!("publishing {table}")),
             Event::Table { .. } | Event::Finished { .. } => {}

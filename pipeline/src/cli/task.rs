@@ -98,7 +98,7 @@ fn units(text: &str) -> Result<usize, String> {
 }
 
 fn share(text: &str) -> Result<(usize, usize), String> {
-    let wrong = || format!("`{text}` is not I/N, such as 0/8 to 7/8");
+    let wrong = || format!("`{text}` is not of the form I/N with I from 0 to N - 1, such as 0/8 or 7/8");
     let (i, n) = text.split_once('/').ok_or_else(wrong)?;
     let (i, n) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
     if i < n { Ok((i, n)) } else { Err(wrong()) }

@@ -89,7 +89,7 @@ impl<'a> Lineage<'a> {
         seen
     }
 
-    /// Protection of a column of a table of files, if it is restricted today.
+    /// Protection of a column that is read from files; `None` if the column is not restricted today.
     fn restricted(&self, (table, column): &LineageColumn) -> Option<&'a ProtectionKeys> {
         let protection = self.sources.get(table.as_str()).filter(|_| !self.stages.contains_key(table))?;
         let is = match protection.now() {

@@ -173,7 +173,7 @@ fn inputs(set: &ReleaseSet, root: &Path, sizes: &DocumentedSizes, found: &mut Re
         } else if let Ok(now) = sum(root, path, sizes)
             && now != sha256
         {
-            found.push(path, format!("its checksum differs from {LOCK}"));
+            found.push(path, format!("its checksum differs from the one in {LOCK}"));
         }
     };
     check(&set.lock.spec, &set.lock.spec_sha256);

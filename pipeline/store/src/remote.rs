@@ -8,7 +8,8 @@
 //! is unchanged since it was read. Packs of a version are not written again: `versions/<pipeline>/<n>/version.json`
 //! lists them by name.
 //!
-//! Locks are leases, as between hosts that share a folder: objects that only one process can create and renew.
+//! Locks are leases, that is, objects that only one process can create and renew. Hosts that share a folder use the same
+//! method.
 
 mod lease;
 mod pull;

@@ -48,7 +48,7 @@ impl FitAggregator {
             };
             answers.extend(of_rate.into_iter().zip(learnt));
         }
-        let lost = || Err(Fault::bug("the result of a training is missing"));
+        let lost = || Err(Fault::bug("the result of a training run is missing"));
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
@@ -95,7 +95,7 @@ impl FitAggregator {
         let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = answers.collect();
-        let lost = || Err(Fault::bug("the result of a training is missing"));
+        let lost = || Err(Fault::bug("the result of a training run is missing"));
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 

@@ -183,7 +183,7 @@ fn network_of(model: &CalibrationPrior, features: &[String], rate_hz: f64) -> Re
     if let Some(trained_hz) = model.rate_hz
         && !is_near_rate(rate_hz, trained_hz)
     {
-        let what = format!("the network was trained at {trained_hz:.3} Hz, but the line has {rate_hz:.3} Hz");
+        let what = format!("the network was trained at {trained_hz:.3} Hz, but the line is sampled at {rate_hz:.3} Hz");
         return Err(Fault::data(what).of_param("model").help("add a `resample` stage, or train at the line's rate"));
     }
     let network = NoiseNetwork {

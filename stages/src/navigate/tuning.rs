@@ -207,7 +207,8 @@ impl Navigate {
     }
 
     /// Prior standard deviations of the lag of the magnetometer, in seconds, and of the bias between the height of the
-    /// INS and the height on the map, in metres. 0 without a state; `None` if the likelihood decides.
+    /// INS and the height on the map, in metres. 0 if the quantity is not a state; `None` if the likelihood decides
+    /// whether it is.
     pub(super) fn given_constants(&self) -> [Option<f64>; 2] {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
         keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])

@@ -29,7 +29,7 @@ pub struct TimeParseError {
     pub text: String,
 }
 
-/// Column of a counting clock.
+/// Column of a counter of seconds or of parts of a second.
 #[derive(Clone, Debug)]
 struct CounterColumn {
     at: usize,

@@ -19,7 +19,7 @@ fn fault(py: Python<'_>, name: &str, e: &PyErr) -> Fault {
     Fault { what: format!("`{name}`, written in Python, raised {text}"), owner: FaultOwner::Bug, ..Fault::default() }
 }
 
-/// Fault of a part that returns something other than it declares.
+/// Fault of a part that returns something other than what it declares.
 pub fn broken(name: &str, what: &str) -> Fault {
     Fault { what: format!("`{name}`, written in Python, {what}"), owner: FaultOwner::Bug, ..Fault::default() }
 }

@@ -205,7 +205,7 @@ fn element(kind: u32, data: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A matrix of a class with its data, after its name and dimensions.
+/// Bytes of a matrix: its class, dimensions and name, followed by its data.
 fn matrix(class: u32, name: &str, [rows, columns]: [usize; 2], data: &[u8]) -> Vec<u8> {
     let dimension = |count: usize| u32::try_from(count).unwrap_or(u32::MAX).to_le_bytes();
     let flags = [class.to_le_bytes(), [0; 4]].concat();

@@ -80,7 +80,7 @@ fn check(plan: &PhysicalPlanNode) -> Result<()> {
     }
     match single(node)? {
         Some(Node::Extension(input)) if input.node.starts_with(MARK.as_bytes()) => units(input),
-        _ => refused("the output does not consist of receipts of magline"),
+        _ => refused("the output contains something other than receipts of tasks"),
     }
 }
 

@@ -41,7 +41,7 @@ pub enum OnnxError {
         expected: usize,
     },
     /// A vector form lacks its frame.
-    #[error("a network of the model 3 family requires the coupling of its vector field")]
+    #[error("a network of the model 3 family also requires the coupling of the aircraft field to the scalar")]
     NoFrame,
     /// A parameter or a scale is NaN or infinite.
     #[error("{what} is not finite")]
@@ -205,7 +205,7 @@ impl OnnxGraph {
         self.nodes.bytes(1, &node.0);
     }
 
-    /// Adds x Wᵀ + b and returns its name.
+    /// Adds the node of x Wᵀ + b, and returns the name of its output.
     fn dense(&mut self, x: &str, weights: &str, biases: &str) -> String {
         self.node("Gemm", &[x, weights, biases], &[("transB", 1)])
     }

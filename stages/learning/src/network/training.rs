@@ -235,7 +235,7 @@ impl NetworkTraining {
             ("beta_2", "at least 0 and below 1", beta_2, part(beta_2)),
             ("epsilon", "a number above 0", epsilon, above_0(epsilon)),
             ("the memory of L-BFGS", "at least 1", lbfgs_memory as f64, lbfgs_memory > 0 || lbfgs_epochs == 0),
-            ("the number of epochs between two learning rates", "at least 1", steps as f64, steps > 0),
+            ("the number of epochs between changes of the learning rate", "at least 1", steps as f64, steps > 0),
             ("the factor of the learning rate", "above 0 and at most 1", factor, factor > 0.0 && factor <= 1.0),
             ("the final fraction of the learning rate", "between 0 and 1", last, (0.0..=1.0).contains(&last)),
             ("the delta of the Huber loss", "a number above 0", delta, above_0(delta)),

@@ -40,9 +40,9 @@ pub(crate) fn m_per_deg() -> (f64, f64) {
 }
 
 impl AnalyticScene {
-    /// Flight north-eastward at 67 m/s over a field in nT as a function of metres north and east, on a map within 7 km
-    /// of the middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise is a wave
-    /// of 3 nT.
+    /// Flight north-eastward at 67 m/s over a field, in nT, that is given as a function of the metres north and east of
+    /// the middle. The map extends 7 km from the middle in each direction, with nodes 100 m apart. The truth is 40 m
+    /// north and 60 m west of the INS, and the noise is a wave of 3 nT.
     pub(crate) fn new(tt: &[f64], interpolation: MapInterpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {

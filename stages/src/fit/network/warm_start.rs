@@ -218,7 +218,7 @@ impl<'a> WarmStart<'a> {
         let names = listed(far.filter_map(|(_, &i)| samples.names.get(i)));
         names.map_or_else(String::new, |names| {
             format!(
-                "more than {FAR} standard deviations from the training data of the network of `warm_start`: {names}"
+                "inputs more than {FAR} standard deviations from their mean in the training of `warm_start`: {names}"
             )
         })
     }
@@ -394,7 +394,7 @@ mod tests {
             })
             .collect();
         let found = begun_with(&first, &far, "m1", &[whole("epochs", 1)]).unwrap();
-        let expected = "more than 10 standard deviations from the training data of the network of `warm_start`: `b`";
+        let expected = "inputs more than 10 standard deviations from their mean in the training of `warm_start`: `b`";
         assert_eq!(found.warning, expected);
     }
 }

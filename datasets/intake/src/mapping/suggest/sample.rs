@@ -56,7 +56,7 @@ impl ColumnSample {
         let mut before = ' ';
         let letters: Vec<char> = self.name.chars().collect();
         for (at, c) in letters.iter().copied().enumerate() {
-            // Whether a capital after an abbreviation begins a word; `UTMx` is one word.
+            // Whether a capital after another begins a word, as `H` of `GPSHeight` does; `M` of `UTMx` does not.
             let begins_word = || letters.iter().skip(at + 1).take(2).filter(|next| next.is_lowercase()).count() == 2;
             let breaks = !c.is_alphanumeric()
                 || (c.is_uppercase() && (before.is_lowercase() || before.is_uppercase() && begins_word()))

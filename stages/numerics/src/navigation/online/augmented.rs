@@ -151,7 +151,7 @@ impl ExtraStates {
         }
         check_covariance(&self.covariance, states)?;
         for (name, values, bad) in [
-            ("density of the random walk", &self.density, (|x| !(0.0..f64::INFINITY).contains(&x)) as fn(f64) -> bool),
+            ("spectral density of the random walk", &self.density, (|x| !(0.0..f64::INFINITY).contains(&x)) as fn(f64) -> bool),
             ("time constant", &self.tau_s, |x| x.is_nan() || x <= 0.0),
         ] {
             if values.len() != states {

@@ -157,7 +157,7 @@ fn unit_invalid_input_is_rejected() {
     assert_eq!(words, "magnetometer 0 has 18 coefficients, a covariance of 324 entries and 17 densities");
     let negative = vec![-1.0; 18];
     let words = message(OnlineMagnetometer { walk_density: &negative, ..good });
-    assert_eq!(words, "the density of the random walk of coefficient 0 is -1");
+    assert_eq!(words, "the spectral density of the random walk of coefficient 0 is -1");
     let mut bad = prior.clone();
     bad.covariance[1] = 1000.0;
     let words = message(OnlineMagnetometer { prior: &bad, ..good });
