@@ -15,7 +15,7 @@ use crate::columns::{array, data};
 filter! {
     /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`.
     /// Use it if the initial position is known only to kilometres. In this case, `ekf` may diverge unnoticed, and `mpf`
-    /// takes seventy times as long because it uses particles along the whole line.
+    /// takes far longer because it uses particles along the whole line.
     ///
     /// The hand-over to the Kalman filter occurs when two conditions have held for 60 s. First, the weight of one mode
     /// of the particles must be at least `hand_over_weight`. Second, the map's linearisation error over the spread of
@@ -32,11 +32,11 @@ filter! {
     /// `flat_over_m` is rejected, as for `mpf`.
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005 for the particles; Fox 2003 for their number.
-    MpfThenEkf = "mpf_then_ekf", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements],
+    MpfThenEkf = "mpf_then_ekf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements],
     example "particles = 2000";
     /// Number of particles.
     particles: Option<usize>, unit "1",
-        absent "1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
+        absent "3000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;

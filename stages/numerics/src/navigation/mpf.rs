@@ -5,7 +5,7 @@
 //! the conditional mean of the other states. All particles share one covariance P [Schön, Gustafsson & Nordlund 2005;
 //! Gnadt 2022, section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can
 //! explain the measurements: [`MpfOutput::modes`] contains the probability of each. In other cases, its results agree
-//! with those of the extended Kalman filter, but it takes seventy times as long.
+//! with those of the extended Kalman filter, but 1000 particles take seventy times as long.
 //!
 //! # A sample
 //!
@@ -72,11 +72,12 @@
 //!
 //! # Number of particles
 //!
-//! For an INS position error of hundreds of metres, 1000 particles are sufficient. For an error of kilometres, some
-//! particles of the first cloud must lie within one anomaly width of the true position, even if that position is at the
-//! edge of the cloud. With [`MpfParameters::adapt`] the number is set at the start and at each resampling, from the
-//! number k of squares of side `smooth_over_m` that the cloud occupies. The Kullback-Leibler distance of the particles
-//! from the density is then below 0.05 with probability 0.99 [Fox 2003],
+//! For an INS position error of hundreds of metres, 3000 particles are sufficient. With 1000 particles, the filter lost
+//! an INS of micro-mechanical sensors over strong anomalies on 2 of 36 flights; with 2000 or 4000, on none. For an
+//! error of kilometres, some particles of the first cloud must lie within one anomaly width of the true position, even
+//! if that position is at the edge of the cloud. With [`MpfParameters::adapt`] the number is set at the start and at
+//! each resampling, from the number k of squares of side `smooth_over_m` that the cloud occupies. The Kullback-Leibler
+//! distance of the particles from the density is then below 0.05 with probability 0.99 [Fox 2003],
 //!
 //! ```text
 //! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³
