@@ -195,7 +195,8 @@ fn grid_north_deg(map: &AnomalyGrid, middle: (f64, f64)) -> Result<f64, Fault> {
         return Ok(0.0);
     }
     let (x, y) = (0.5 * (map.x.first + map.x.last()), 0.5 * (map.y.first + map.y.last()));
-    let ahead = map.crs.unproject(x, y + map.y.step).ok_or_else(|| Fault::data("grid north is undefined on the map"))?;
+    let ahead =
+        map.crs.unproject(x, y + map.y.step).ok_or_else(|| Fault::data("grid north is undefined on the map"))?;
     let (north_m, east_m) = EarthModel::Wgs84.offset_ne_m(middle, ahead, 0.0);
     Ok(east_m.atan2(north_m).to_degrees())
 }

@@ -113,7 +113,8 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
             let Some((row, line)) = lines.next() else {
                 return Err(wrong(row, &format!("the file ends after {pair} of the {LINES_A_BLOCK} lines of an hour")));
             };
-            let values = values(line).ok_or_else(|| wrong(row, "a line must hold two minutes with four values each"))?;
+            let values =
+                values(line).ok_or_else(|| wrong(row, "a line must hold two minutes with four values each"))?;
             for (minute, digits) in values.chunks_exact(4).enumerate() {
                 let scaled: Vec<f64> = digits.iter().zip(&block.letters).map(|(x, l)| in_unit(*x, *l)).collect();
                 let ned_nt @ [north, east, down] = kind.ned_nt(&scaled, baseline_rad);

@@ -174,7 +174,8 @@ impl SglXyzReader {
                 header = Some(words);
             }
         }
-        let header = header.ok_or_else(|| ReadError::data(path, "the file lacks a header line that begins with `/`"))?;
+        let header =
+            header.ok_or_else(|| ReadError::data(path, "the file lacks a header line that begins with `/`"))?;
         let column = |header: String| {
             let meant = sgl::name_of_header(&header);
             SglXyzColumn { header, named: FlightColumnTarget { name: meant.clone(), unit: String::new() }, meant }

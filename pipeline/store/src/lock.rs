@@ -435,7 +435,7 @@ mod tests {
         foreign(folder.path(), 7, GONE_AFTER + Duration::from_secs(1));
         let taken = mine(store.lock("p").unwrap());
         assert_eq!(taken.number, 8);
-        // The apparently dead holder returns and takes the next number, so the process that replaced it must not publish.
+        // The apparently dead holder returns and takes the next number, so its replacement must not publish.
         foreign(folder.path(), 9, Duration::ZERO);
         let fault = taken.check().unwrap_err();
         assert!(fault.what.contains("now held by") && fault.what.contains("elsewhere"), "{}", fault.what);

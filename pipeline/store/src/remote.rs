@@ -8,8 +8,8 @@
 //! is unchanged since it was read. Packs of a version are not written again: `versions/<pipeline>/<n>/version.json`
 //! lists them by name.
 //!
-//! Locks are leases, that is, objects that only one process can create and renew. Hosts that share a folder use the same
-//! method.
+//! Locks are leases, that is, objects that only one process can create and renew. Hosts that share a folder use the
+//! same method.
 
 mod lease;
 mod pull;

@@ -150,8 +150,9 @@ impl ExtraStates {
             return Err(refused("prior", format!("the prior mean of coefficient {at} is {}", self.mean[at])));
         }
         check_covariance(&self.covariance, states)?;
+        let not_a_density = |x: f64| !(0.0..f64::INFINITY).contains(&x);
         for (name, values, bad) in [
-            ("spectral density of the random walk", &self.density, (|x| !(0.0..f64::INFINITY).contains(&x)) as fn(f64) -> bool),
+            ("spectral density of the random walk", &self.density, not_a_density as fn(f64) -> bool),
             ("time constant", &self.tau_s, |x| x.is_nan() || x <= 0.0),
         ] {
             if values.len() != states {
