@@ -344,7 +344,7 @@ fn user_a_logger_with_a_clock_in_milliseconds_and_a_fluxgate_in_volts_is_recogni
         "time  = { from = \"millis\", unit = \"ms\", clock = \"boot\" }",
         "mag_1_uc = { from = \"Mag_nT\", unit = \"nT\" }",
         "flux_a = { from = [\"FluxX_V\", \"FluxY_V\", \"FluxZ_V\"], unit = \"nT\", scale = 10000.0",
-        "`Mag_nT` has 480",
+        "the median of `Mag_nT` is 480",
     ] {
         assert!(text.contains(words), "{words}: {text}");
     }

@@ -268,7 +268,7 @@ fn user_errors_are_reported_with_their_position_and_nothing_is_written() {
         csv,
         &change("'mgauss'", "'gauss'"),
         2,
-        &["magnitude of a vector magnetometer", "set `unit = \"mgauss\"` for `flux_a_x`"],
+        &["plausible magnitude of a vector measurement", "set `unit = \"mgauss\"` for `flux_a_x`"],
     ));
     empty(refused(csv, &change("'MagY'", "'MagW'"), 2, &["there is no column `MagW` in log.csv", "m.toml:6:"]));
     empty(refused(csv, &change("[tables.mag]", "[tables.mag]\ntopic = 'MAG'"), 2, &["topic"]));

@@ -105,7 +105,7 @@ fn gold_a_long_continuation_gives_a_warning_and_heights_are_required() {
     let bench = Bench::new();
     let output = bench.magline(&["map", "continue", &osborne(), "--to", "2500", "-o", "up.tif"]);
     fine(&output);
-    assert!(stderr(&output).contains("more than 1/50"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("exceeds 1/50"), "{}", stderr(&output));
     let near = bench.magline(&["map", "continue", &osborne(), "--to", "700", "-o", "up.tif"]);
     assert!(!stderr(&near).contains("1/50"), "{}", stderr(&near));
     write(&bench.path("flat.parquet"), &[crate::support::without(&map(), "alt")]);

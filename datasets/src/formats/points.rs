@@ -338,7 +338,8 @@ impl<'a> PointColumnRoles<'a> {
         Ok(heights)
     }
 
-    /// Latitudes and longitudes in degrees. With `usual`, positions far from the zone of their system are rejected.
+    /// Latitudes and longitudes in degrees. With `usual`, fails if most positions are far from the zone of their
+    /// system; a few are outliers.
     fn degrees(
         &self,
         path: &Path,
@@ -347,23 +348,30 @@ impl<'a> PointColumnRoles<'a> {
         usual: bool,
     ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
         let mut places = (Vec::with_capacity(x.len()), Vec::with_capacity(x.len()));
+        let fault = |row: usize, what: String, help: &str| {
+            Err(ReadError::data(path, what).in_column(&self.x.name).in_row(row as u64).help(help))
+        };
+        let mut far = vec![];
         for ((x, y), row) in x.iter().zip(y).zip(rows) {
-            let fault = |what: String, help: &str| {
-                Err(ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help(help))
-            };
             let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.position(*x, *y) };
             let Some((lat, lon)) = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0) else {
                 let what = format!("x {x} and y {y} are not a position in {}", self.system);
-                return fault(what, "check the columns, their units and the EPSG code");
+                return fault(*row, what, "check the columns, their units and the EPSG code");
             };
-            if usual && !self.system.is_near_zone(lon) {
-                let what = format!("x {x} and y {y} are more than 6.5 degrees from the meridian of {}", self.system);
-                let help = "check the columns, their units and the EPSG code; set `accept = [\"range\"]` or use \
-                            `--accept range` to keep the positions";
-                return fault(what, help);
+            if !self.system.is_near_zone(lon) {
+                far.push((*row, *x, *y));
             }
             places.0.push(lat);
             places.1.push(wrap_deg(lon));
+        }
+        if let Some((row, x, y)) = far.first().filter(|_| usual && 2 * far.len() > rows.len()) {
+            let what = format!(
+                "x {x} and y {y}, like most positions, are more than 6.5 degrees from the central meridian of {}",
+                self.system
+            );
+            let help = "check the columns, their units and the EPSG code; set `accept = [\"range\"]` or use `--accept \
+                        range` to keep the positions";
+            return fault(*row, what, help);
         }
         Ok(places)
     }

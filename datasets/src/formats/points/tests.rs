@@ -85,7 +85,7 @@ fn unit_text_with_line_records_equals_a_table_with_a_line_column() {
     let kept = PointOptions { accept: vec![PlausibilityCheck::Range], ..options.clone() };
     // Exchanged columns, a wrong zone, and no position at all.
     for (row, never) in [("5600000,500000", false), ("1400000,5600000", false), ("50000000,5600000", true)] {
-        let far = write("e.csv", &format!("easting,northing,mag\n500000,5600000,2\n{row},3\n"));
+        let far = write("e.csv", &format!("easting,northing,mag\n500000,5600000,2\n{row},3\n{row},4\n"));
         let fault = read_points(&far, &options).unwrap_err().to_string();
         assert!(fault.contains("row 1") && fault.contains("EPSG:32630"), "{fault}");
         assert_eq!(read_points(&far, &kept).is_err(), never);
