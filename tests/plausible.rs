@@ -133,10 +133,10 @@ fn user_a_field_in_another_unit_is_rejected_with_that_unit() {
         );
         // One mistake of a vector magnetometer gives one message.
         let printed = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * factor)], "");
-        contains(&printed, &["column `flux_a_x`", "vector magnetometer", &format!("\"flux_a_z\" = \"{unit}\"")]);
+        contains(&printed, &["column `flux_a_x`", "vector measurement", &format!("\"flux_a_z\" = \"{unit}\"")]);
     }
     let printed = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * 1e3)], "");
-    contains(&printed, &["column `flux_a_x`", "vector magnetometer"]);
+    contains(&printed, &["column `flux_a_x`", "vector measurement"]);
 }
 
 #[test]

@@ -225,7 +225,9 @@ mod tests {
         assert!(
             why(&["vol_back", "cur_strb"], 10.0).contains("trained with `features = [\"cur_strb\", \"vol_back\"]`")
         );
-        assert!(why(&["cur_strb", "vol_back"], 1.0).contains("trained at 10.000 Hz, but the line has 1.000 Hz"));
+        assert!(
+            why(&["cur_strb", "vol_back"], 1.0).contains("trained at 10.000 Hz, but the line is sampled at 1.000 Hz")
+        );
         let linear = CalibrationPrior { terms: named(&["x"]), values_nt: vec![1.0], ..made.clone() };
         assert_eq!(network_of(&linear, &[], 10.0).unwrap_err().what, "the model is not a network of the noise");
         for lost in 0..made.terms.len() {
