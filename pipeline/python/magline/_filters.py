@@ -106,9 +106,9 @@ def ekf(
     The map is linearised at the estimated position of each sample.
 
     With `tuning = "auto"` the innovation variance includes the effect of the map's curvature
-    within the position uncertainty, from second-order divided differences [Nørgaard, Poulsen &
-    Ravn 2000]. Without this term, the first updates after an inaccurate start reduce the
-    covariance too far.
+    within the position uncertainty. This effect is computed from second-order divided
+    differences [Nørgaard, Poulsen & Ravn 2000]. Without this term, the first updates after an
+    inaccurate start reduce the covariance too far.
 
     Parameters
     ----------
@@ -240,8 +240,8 @@ def ekf(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -313,8 +313,8 @@ def ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -358,10 +358,11 @@ def ekf(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -402,9 +403,9 @@ def ekf(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -414,28 +415,29 @@ def ekf(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -699,8 +701,8 @@ def iekf(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -748,8 +750,8 @@ def iekf(
         Maximum number of linearisations of the map per sample. Allowed: 1 to 1000. Default:
         `5`.
     tolerance_m : float, optional
-        Position change per iteration below which the iteration ends. Unit: m. Allowed: above 0.
-        Default: `0.1`.
+        The iteration ends when the position changes by less than this distance. Unit: m.
+        Allowed: above 0. Default: `0.1`.
     save_state : bool, optional
         Appends the state `x` and its covariance `p` (row-major). Default: `false`.
     gate_nis : float, optional
@@ -778,8 +780,8 @@ def iekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -823,10 +825,11 @@ def iekf(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -867,9 +870,9 @@ def iekf(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -879,28 +882,29 @@ def iekf(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1165,8 +1169,8 @@ def ukf(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -1251,8 +1255,8 @@ def ukf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -1296,10 +1300,11 @@ def ukf(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -1340,9 +1345,9 @@ def ukf(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -1352,28 +1357,29 @@ def ukf(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1649,8 +1655,8 @@ def ekf_adaptive(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -1744,8 +1750,8 @@ def ekf_adaptive(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -1789,10 +1795,11 @@ def ekf_adaptive(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -1833,9 +1840,9 @@ def ekf_adaptive(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -1845,28 +1852,29 @@ def ekf_adaptive(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2155,8 +2163,8 @@ def ekf_online_tl(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -2244,8 +2252,8 @@ def ekf_online_tl(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -2322,10 +2330,11 @@ def ekf_online_tl(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -2366,9 +2375,9 @@ def ekf_online_tl(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -2378,28 +2387,29 @@ def ekf_online_tl(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2542,8 +2552,8 @@ def fixed_lag(
 
     Its states are the 18 states of `ekf`, the coefficients for the line's A-matrix, and a
     first-order Gauss-Markov error of the magnetometer. The smoother can start with an
-    uncompensated magnetometer and without a calibration. While the INS is accurate to metres,
-    at the start of the line, the map determines the coefficients.
+    uncompensated magnetometer and without a calibration. At the start of the line, while the
+    INS is accurate to metres, the map determines the coefficients.
 
     Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map.
     Each window passes the filtered covariance of INS states and coefficients to the next
@@ -2692,8 +2702,8 @@ def fixed_lag(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -2758,8 +2768,8 @@ def fixed_lag(
         Maximum number of iterations per window. Default: `15`.
     aircraft_sigma_nt : float, optional
         Standard deviation of the slowly varying aircraft field that the coefficients do not
-        explain. 0 assumes no such field. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if
-        `tuning = "auto"` estimates the noise of the line: the estimated noise then includes
+        explain. 0 assumes no such field. Unit: nT. Allowed: 0 or above. Unset: 30.0; 0 if
+        `tuning = "auto"` estimates the noise of the line, because the estimated noise includes
         this field.
     aircraft_tau_s : float, optional
         Time constant of the slowly varying aircraft field that the coefficients do not explain.
@@ -2823,8 +2833,8 @@ def fixed_lag(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -2868,10 +2878,11 @@ def fixed_lag(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -2912,9 +2923,9 @@ def fixed_lag(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -2924,28 +2935,29 @@ def fixed_lag(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3219,8 +3231,8 @@ def rts(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -3300,8 +3312,8 @@ def rts(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -3345,10 +3357,11 @@ def rts(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -3389,9 +3402,9 @@ def rts(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -3401,28 +3414,29 @@ def rts(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3552,8 +3566,8 @@ def mpf(
     filter for the other 16 states given the position.
 
     Use it on a map with several similar places; `save_modes` returns the probability of each
-    place. For a navigation-grade INS, `ekf` is as accurate and seventy times as fast. For an
-    INS position error of kilometres, `mpf_then_ekf` is faster.
+    place. For a navigation-grade INS, `ekf` is as accurate, and seventy times as fast as `mpf`
+    with 1000 particles. For an INS position error of kilometres, `mpf_then_ekf` is faster.
 
     The estimate is the mean over all particles. A measurement does not change the share of the
     total weight that belongs to particles off the map. A sample is `off_map` if particles on
@@ -3696,8 +3710,8 @@ def mpf(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -3742,27 +3756,27 @@ def mpf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     particles : int, optional
-        Number of particles. Use 1000 if the INS position is known to within hundreds of metres.
+        Number of particles. Use 3000 if the INS position is known to within hundreds of metres.
         Use 10,000 if the INS position is uncertain by kilometres, or with a measurement as
-        precise as `gradient`. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by KLD-sampling
+        precise as `gradient`. Allowed: 1 to 1000000. Unset: 3000 to 50,000, by KLD-sampling
         (Fox 2003) over squares of side `smooth_over_m`; the column `particles` is then
         appended.
     seed : int, optional
         Seed of all random draws. The same seed gives bit-identical results on any number of
         threads. Default: `0`.
     resample_threshold : float, optional
-        Effective number of particles, as a fraction of their number, below which the particles
-        are resampled. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more often and
+        The particles are resampled when their effective number falls below this fraction of
+        their number. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more often and
         only adds noise. Allowed: 0 to 1. Default: `0.5`.
     regularise : bool, optional
         Resamples from a kernel density. The position error of a good INS has almost no process
         noise, so without the kernel density only copies of a few particles remain. The
         covariance is then far too small. Default: `true`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud of particles is divided into parts with one kernel each. With `gradient`,
-        set a third of this distance, over which the slope of the map is nearly linear. Unit: m.
-        Allowed: above 0. Default: `200.0`.
+        Distance over which the map is nearly linear; typically the height of the map above the
+        sources. A wider cloud of particles is divided into parts with one kernel each. With
+        `gradient`, set a third of this distance, over which the slope of the map is nearly
+        linear. Unit: m. Allowed: above 0. Default: `200.0`.
     roughening : float, optional
         Standard deviation, per axis, of position noise that is added to each resampled
         particle. The unit is the range of the particles divided by the square root of their
@@ -3793,8 +3807,8 @@ def mpf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -3838,10 +3852,11 @@ def mpf(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -3882,9 +3897,9 @@ def mpf(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -3894,28 +3909,29 @@ def mpf(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -4043,8 +4059,7 @@ def mpf_then_ekf(
     Kalman filter `ekf`.
 
     Use it if the initial position is known only to kilometres. In this case, `ekf` may diverge
-    unnoticed, and `mpf` takes seventy times as long because it uses particles along the whole
-    line.
+    unnoticed, and `mpf` takes far longer because it uses particles along the whole line.
 
     The hand-over to the Kalman filter occurs when two conditions have held for 60 s. First, the
     weight of one mode of the particles must be at least `hand_over_weight`. Second, the map's
@@ -4192,8 +4207,8 @@ def mpf_then_ekf(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -4238,15 +4253,15 @@ def mpf_then_ekf(
     gyro_tau_s : float, optional
         Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     particles : int, optional
-        Number of particles. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by KLD-sampling (Fox
+        Number of particles. Allowed: 1 to 1000000. Unset: 3000 to 50,000, by KLD-sampling (Fox
         2003) over squares of side `smooth_over_m`.
     seed : int, optional
         Seed of all random draws. The same seed gives bit-identical results on any number of
         threads. Default: `0`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; typically its height above the sources. A
-        wider cloud of particles is divided into parts with one kernel each. Unit: m. Allowed:
-        above 0. Default: `200.0`.
+        Distance over which the map is nearly linear; typically the height of the map above the
+        sources. A wider cloud of particles is divided into parts with one kernel each. Unit: m.
+        Allowed: above 0. Default: `200.0`.
     hand_over_weight : float, optional
         Minimum weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
         `0.99`.
@@ -4273,8 +4288,8 @@ def mpf_then_ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -4318,10 +4333,11 @@ def mpf_then_ekf(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -4362,9 +4378,9 @@ def mpf_then_ekf(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -4374,28 +4390,29 @@ def mpf_then_ekf(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -4658,8 +4675,8 @@ def crlb(
         are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
         a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
         sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-        is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-        `ins_grade`, if present; otherwise `magnav`.
+        is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+        `ins_grade` if present; otherwise `magnav`.
     init_position_sigma_m : float, optional
         Standard deviation of the initial horizontal position error along each axis. Unit: m.
         Allowed: 0 or above. Default: `3.0`.
@@ -4727,8 +4744,8 @@ def crlb(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-        noise, true positions are exact, and the filter appears more accurate than with real
+        `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+        have no error: without added noise, the filter appears more accurate than with real
         GNSS. Unset: true if the columns of `gnss` have the role `truth`.
     gnss_test : bool, optional
         Tests each GNSS position against the INS position and does not use rejected positions. A
@@ -4772,10 +4789,11 @@ def crlb(
         example in a magnetic storm, and requires the difference (`gradient`) or the vector
         (`vector_sigma_nt`). Default: `true`.
     vector_sigma_nt : float, optional
-        Standard deviation of the white noise of each component of `vector`. If set, the vector
-        magnetometer measures the total field and the attitude, except for rotation about the
-        field direction. This key requires `core_field = true` and a calibrated vector
-        magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is not a measurement.
+        Standard deviation of the white noise of each component of `vector`. If set, the
+        components are used as measurements. They depend on the total field and on the attitude,
+        but not on a rotation about the field direction. This key requires `core_field = true`
+        and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
+        not a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -4816,9 +4834,9 @@ def crlb(
         filter estimates the lag as a state that is constant along the line. A sample with time
         stamp `t` was measured at `t` minus the lag. The lag may be negative. 0 omits this
         state. The columns `mag_latency` and `mag_latency_sigma` are appended. This key is
-        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps
-        are assumed to be exact; `tuning = "auto"` sets 1.0 if a state for the lag clearly
-        increases the likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: 1.0 with
+        `tuning = "auto"` if a state for the lag clearly increases the likelihood, otherwise 0
+        (exact time stamps).
     map_height_sigma_m : float, optional
         Prior standard deviation of a height bias: the true height of the aircraft minus its
         assumed height on the map. Possible causes are a constant error of the barometer, a
@@ -4828,28 +4846,29 @@ def crlb(
         aircraft. With `tuning = "auto"`, the map is continued to twice this standard deviation
         below and above the line. Otherwise, set `map_levels_m`. 0 omits this state. The columns
         `map_height_bias` and `map_height_bias_sigma` are appended. This key is available in
-        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: the height is assumed to
-        be exact; `tuning = "auto"` sets 50 if a bias clearly increases the likelihood. Unless
-        `map_levels_m` is set, it then continues the map up to 200 m below and above the line.
+        `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"`
+        if a bias clearly increases the likelihood, otherwise 0 (exact height). To find a bias,
+        `auto` continues the map up to 200 m below and above the line, unless `map_levels_m` is
+        set.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change in the aircraft's permanent field since calibration,
         per component (nose, right, down). The filter estimates the three components as
         additional states. The attitude and the core field determine the effect of these
         components on the total field. A fourth state is a constant offset with a standard
         deviation of 100 nT. 0 omits these states. This key requires `core_field = true`, and is
-        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning =
-        "auto"` estimates the value by maximum likelihood if these states clearly increase the
-        likelihood.
+        available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: the
+        maximum-likelihood estimate with `tuning = "auto"` if these states clearly increase the
+        likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise the change is constant
-        along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
+        that is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of measurement noise (standard deviation) to the map's horizontal slope at
-        which a sample corrects the position. At a larger ratio, the map is too flat to observe
-        the position. The sample is then `flat`: it corrects only the temporal variation and the
-        map error. The column `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all
-        samples correct the position.
+        A sample corrects the position only if the ratio of its measurement noise (standard
+        deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
+        map is too flat to observe the position. The sample is then `flat`: it corrects only the
+        temporal variation and the map error. The column `map_slope` is appended. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------

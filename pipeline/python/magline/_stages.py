@@ -304,16 +304,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("resample", locals())
@@ -372,16 +372,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -454,7 +454,7 @@ class StageMethods:
             mechanisation of sensor readings with errors. The mechanisation is accurate for errors
             of any size. Default: `"error_model"`.
         smooth_s : float, optional
-            Length of the window in which parabolas are fitted to smooth positions and velocities.
+            Length of the window in which positions and velocities are smoothed by fitted parabolas.
             The weights fall to 0 at the ends of the window. 0 switches smoothing off. Unit: s.
             Allowed: 0 or above. Default: `5.0`.
         seed : int, optional
@@ -466,8 +466,8 @@ class StageMethods:
             are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
             a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
             sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-            `ins_grade`, if present; otherwise `magnav`.
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+            `ins_grade` if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -515,16 +515,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -579,16 +579,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -641,16 +641,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -677,12 +677,12 @@ class StageMethods:
         """Removes a sinusoid and its harmonics, such as power-line interference, without lag, and
         appends `<column>_nt`.
 
-        A harmonic above the Nyquist frequency is removed at its alias: at 10 Hz, for example, for
-        150 Hz sampled at 160 Hz. If the data were resampled without a filter, set `sampled_hz` to
-        the sensor's own rate. The harmonic is then aliased twice: at the sensor's rate, and again
-        at the rate of the line. Any signal within the notch width is also removed. The stage fails
-        if an alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove
-        such a harmonic before resampling to a lower rate.
+        A harmonic above the Nyquist frequency is removed at its alias. For example, a harmonic of
+        150 Hz that is sampled at 160 Hz is removed at 10 Hz. If the data were resampled without a
+        filter, set `sampled_hz` to the sensor's own rate. The harmonic is then aliased twice: at
+        the sensor's rate, and again at the rate of the line. Any signal within the notch width is
+        also removed. The stage fails if an alias is less than half a notch width from 0 Hz or from
+        the Nyquist frequency. Remove such a harmonic before resampling to a lower rate.
 
         A second-order notch at each frequency runs forwards and backwards. It settles in about
         1/`width_hz` seconds, so part of the sinusoid remains for this time at each end of a run.
@@ -705,22 +705,22 @@ class StageMethods:
             Full width of each notch. At half the width from the notch frequency, half of the
             amplitude remains. Unit: Hz. Allowed: above 0. Default: `0.5`.
         sampled_hz : float, optional
-            Original sample rate of the sensor. Unit: Hz. Allowed: above 0. Unset: the rate of the
-            line.
+            Original sample rate of the sensor. Unit: Hz. Allowed: above 0. Unset: the sample rate
+            of the line.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -771,16 +771,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -846,16 +846,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -913,16 +913,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("derive", locals())
@@ -965,16 +965,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("select", locals())
@@ -1030,16 +1030,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("join", locals())
@@ -1109,16 +1109,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -1174,9 +1174,10 @@ class StageMethods:
         input : TableLike
             Input: flight lines.
         record : TableLike | Sequence[TableLike]
-            Input: one or several tables of flight lines that every line reads as a whole.
+            Input: one or several tables of flight lines, read as a whole for each line.
         element : str, optional
-            Column of the record to use. Unit: nT. Default: `"field_f"`.
+            Column of the record from which the variation is computed. Unit: nT. Default:
+            `"field_f"`.
         column : str, optional
             Name of the new column. Unit: nT. Default: `"diurnal"`.
         method : {"linear", "nearest", "cubic"}, optional
@@ -1199,16 +1200,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("diurnal", locals())
@@ -1279,16 +1280,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("segments", locals())
@@ -1325,16 +1326,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -1398,16 +1399,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -1482,8 +1483,9 @@ class StageMethods:
             Scale of the induced, eddy and core-field terms. Unit: nT. Allowed: above 0. Default:
             `50000.0`.
         vector : str, optional
-            Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its
-            direction. Unset: `ETL_...` and the small sets are rejected.
+            Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on the
+            direction of the field that it measures. Unset: `ETL_...` and the small sets are
+            rejected.
         mag : str, optional
             Scalar magnetometer of the small sets. Unit: nT. Unset: the small sets are rejected.
         groups : ListLike, optional
@@ -1500,16 +1502,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -1560,8 +1562,8 @@ class StageMethods:
         kind : {"a", "b", "c", "d", "e"}, optional
             Type of the target. Default: `"d"`.
         mag : str, optional
-            Scalar magnetometer to be compensated, for `c`, `d` and `e`. Unit: nT. Unset: `c`, `d`
-            and `e` are rejected.
+            Scalar magnetometer to be compensated, for `c`, `d` and `e`. Unit: nT. Unset: the
+            targets `c`, `d` and `e` are rejected.
         truth : str, optional
             Column of the true field, for `a` and `d`. Unit: nT. Default: `"mag_1_c"`.
         remove_core : bool, optional
@@ -1574,16 +1576,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -1881,9 +1883,9 @@ class StageMethods:
             Default: `0.001`.
         schedule : {"constant", "cosine", "plateau"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning-rate schedule. `cosine` falls to
-            1 % of `learning_rate`. `plateau` halves the rate after ten epochs without a smaller
-            validation loss. Default: `"constant"`.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning-rate schedule. With `cosine`,
+            the rate falls to 1 % of `learning_rate`. With `plateau`, the rate is halved after ten
+            epochs without a smaller validation loss. Default: `"constant"`.
         training_loss : {"squared", "absolute", "huber"}, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss function: mean squared residual,
@@ -1923,11 +1925,11 @@ class StageMethods:
             number of trees with the smallest validation loss. Default: `[]`.
         patience : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
-            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs without a smaller
-            validation loss after which training stops. Allowed: above 0. Unset: training runs for
-            all epochs.
-            For `boosted_trees`: Number of trees without a smaller validation loss after which
-            training stops. Allowed: above 0. Unset: training builds all trees.
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Training stops after this number of
+            consecutive epochs without a smaller validation loss. Allowed: above 0. Unset: training
+            runs for all epochs.
+            For `boosted_trees`: Training stops after this number of consecutive trees without a
+            smaller validation loss. Allowed: above 0. Unset: training builds all trees.
         members : int, optional
             For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
             `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks in the ensemble. The
@@ -2030,16 +2032,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -2072,19 +2074,19 @@ class StageMethods:
         sum is the reading of the magnetometer. Both are NaN if the sample lacks a term of the
         model.
 
-        Terms that are differences per sample are converted to the rate of the fit, so the rate of a
-        line may differ from the rate of the fit. A central difference underestimates the rate of
-        change at frequency f by the fraction (2 pi f / rate)^2 / 6. For f = 0.2 Hz, this fraction
-        is 0.3 % at a rate of 10 Hz and 1 % at 5 Hz. A model without a stored rate, or with a lagged
-        feature, is rejected if the rates may differ.
+        Terms that are differences per sample are converted to the sample rate of the fit, so a line
+        with another sample rate is accepted. A central difference underestimates the rate of change
+        at frequency f by the fraction (2 pi f / rate)^2 / 6. For f = 0.2 Hz, this fraction is 0.3 %
+        at a rate of 10 Hz and 1 % at 5 Hz. A model without a stored rate, or with a lagged feature,
+        is rejected if the rates may differ.
 
         The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal
         of the diurnal variation.
 
         A model fitted to band-passed data does not determine the constant part of the aircraft
-        field. With `detrend`, the mean of the prediction over the line is not subtracted, as in
-        MagNav.jl's examples. A nonlinear model predicts the constant part if its target includes
-        that part.
+        field. With `detrend`, as in MagNav.jl's examples, the prediction is subtracted without its
+        mean over the line. A nonlinear model predicts the constant part if its target includes that
+        part.
 
         `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` describe the noise of `mag_c`, estimated
         from the residual of the model on its calibration lines. Their values are the same for all
@@ -2127,16 +2129,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -2251,9 +2253,10 @@ class StageMethods:
             Number of background samples of each line, relative to which contributions are computed.
             Unit: samples. Allowed: 1 to 100000. Default: `50`.
         draws : int, optional
-            Number of random orders of the groups for each pair of a sample and a background sample.
-            Each order is also used in reverse. With `expected_gradients`: number of gradients per
-            sample, divided by the number of background samples. Allowed: 2 to 100000. Default: `2`.
+            Number of random orders in which the groups change from the values of a background
+            sample to the values of a sample, for each pair of the two. Each order is also used in
+            reverse. With `expected_gradients`: number of gradients per sample, divided by the
+            number of background samples. Allowed: 2 to 100000. Default: `2`.
         kept_samples : int, optional
             Number of explained samples whose values are stored, evenly spaced. 0 stores none. Unit:
             samples. Allowed: 0 to 10000. Default: `100`.
@@ -2271,7 +2274,7 @@ class StageMethods:
             (number of groups + 2) times this number of rows. Errors are proportional to the inverse
             square root of `points`. Allowed: 2 to 1000000. Default: `2000`.
         tails : float, optional
-            Fraction of an input's values on the line that its range excludes at each end. 0 uses
+            Fraction of an input's values on the line that lie outside its range at each end. 0 uses
             the extremes. Allowed: 0 to 0.49. Default: `0.01`.
         seed : int, optional
             Seed of the random draws. Default: `0`.
@@ -2279,16 +2282,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -2342,16 +2345,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -2386,16 +2389,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("assume_noise", locals())
@@ -2452,16 +2455,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -2528,16 +2531,16 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Trains the network that sets the noise of the filter `nekf`, on the lines that `where`
-        selects.
+        """Trains, on the lines that `where` selects, the network that sets the noise of the filter
+        `nekf`.
 
         Do not select the lines that are navigated: their scores would be in sample.
 
         Training minimises the negative log-likelihood of the innovations, which requires no truth.
         With `loss = "position"`, it minimises the negative log-likelihood of the true position,
         `lat` and `lon`. The derivatives of the loss are propagated back through the network and
-        through the covariance and state of the filter. Lines are prepared as in `navigate`. Set the
-        keys that both stages share to the same values. With `tuning = "auto"` the noise of each
+        through the covariance and state of the filter. Lines are prepared as in `navigate`. Give
+        the shared keys the same values in both stages. With `tuning = "auto"` the noise of each
         line is estimated first, and the network learns how the noise changes along the line.
 
         The table holds the weights, the scaling of the inputs, and the mean loss of each epoch
@@ -2681,8 +2684,8 @@ class StageMethods:
             are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
             a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
             sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-            `ins_grade`, if present; otherwise `magnav`.
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+            `ins_grade` if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -2730,16 +2733,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -3059,8 +3062,8 @@ class StageMethods:
             are unset in the spec. `magnav` sets the defaults shown for these keys. `navigation` is
             a Honeywell HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical
             sensors [Lee 2019, Tables 9 and 10]. For these three grades, the position at alignment
-            is exact (`init_position_sigma_m = 0`). Unset: in `navigate` the flight's column
-            `ins_grade`, if present; otherwise `magnav`.
+            is exact (`init_position_sigma_m = 0`). Unset: in `navigate`, the flight's column
+            `ins_grade` if present; otherwise `magnav`.
         init_position_sigma_m : float, optional
             Standard deviation of the initial horizontal position error along each axis. Unit: m.
             Allowed: 0 or above. Default: `3.0`.
@@ -3159,8 +3162,8 @@ class StageMethods:
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
             to the GNSS positions, with the standard deviations `gnss_sigma_m` and
-            `gnss_alt_sigma_m`. The added noise of a line is the same in every run. Without added
-            noise, true positions are exact, and the filter appears more accurate than with real
+            `gnss_alt_sigma_m`. The added noise of a line is the same in every run. True positions
+            have no error: without added noise, the filter appears more accurate than with real
             GNSS. Unset: true if the columns of `gnss` have the role `truth`.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
@@ -3219,10 +3222,10 @@ class StageMethods:
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
-            component of `vector`. If set, the vector magnetometer measures the total field and the
-            attitude, except for rotation about the field direction. This key requires `core_field =
-            true` and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the
-            vector is not a measurement.
+            component of `vector`. If set, the components are used as measurements. They depend on
+            the total field and on the attitude, but not on a rotation about the field direction.
+            This key requires `core_field = true` and a calibrated vector magnetometer. Unit: nT.
+            Allowed: above 0. Unset: the vector is not a measurement.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component
@@ -3276,8 +3279,8 @@ class StageMethods:
             constant along the line. A sample with time stamp `t` was measured at `t` minus the lag.
             The lag may be negative. 0 omits this state. The columns `mag_latency` and
             `mag_latency_sigma` are appended. This key is available in `ekf`, `iekf` and `ukf`.
-            Unit: s. Allowed: 0 or above. Unset: time stamps are assumed to be exact; `tuning =
-            "auto"` sets 1.0 if a state for the lag clearly increases the likelihood.
+            Unit: s. Allowed: 0 or above. Unset: 1.0 with `tuning = "auto"` if a state for the lag
+            clearly increases the likelihood, otherwise 0 (exact time stamps).
         map_height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of a height bias: the
@@ -3289,9 +3292,9 @@ class StageMethods:
             is continued to twice this standard deviation below and above the line. Otherwise, set
             `map_levels_m`. 0 omits this state. The columns `map_height_bias` and
             `map_height_bias_sigma` are appended. This key is available in `ekf`, `iekf` and `ukf`.
-            Unit: m. Allowed: 0 or above. Unset: the height is assumed to be exact; `tuning =
-            "auto"` sets 50 if a bias clearly increases the likelihood. Unless `map_levels_m` is
-            set, it then continues the map up to 200 m below and above the line.
+            Unit: m. Allowed: 0 or above. Unset: 50 with `tuning = "auto"` if a bias clearly
+            increases the likelihood, otherwise 0 (exact height). To find a bias, `auto` continues
+            the map up to 200 m below and above the line, unless `map_levels_m` is set.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change in the aircraft's
@@ -3300,28 +3303,29 @@ class StageMethods:
             determine the effect of these components on the total field. A fourth state is a
             constant offset with a standard deviation of 100 nT. 0 omits these states. This key
             requires `core_field = true`, and is available in `ekf`, `iekf` and `ukf`. Unit: nT.
-            Allowed: 0 or above. Unset: 0; `tuning = "auto"` estimates the value by maximum
-            likelihood if these states clearly increase the likelihood.
+            Allowed: 0 or above. Unset: the maximum-likelihood estimate with `tuning = "auto"` if
+            these states clearly increase the likelihood, otherwise 0.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change in the permanent
             field. Unit: s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning =
-            "auto"`, otherwise the change is constant along the line.
+            "auto"`, otherwise infinite: a change that is constant along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Largest ratio of measurement noise (standard
-            deviation) to the map's horizontal slope at which a sample corrects the position. At a
-            larger ratio, the map is too flat to observe the position. The sample is then `flat`: it
-            corrects only the temporal variation and the map error. The column `map_slope` is
-            appended. Unit: m. Allowed: above 0. Unset: all samples correct the position.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: A sample corrects the position only if the ratio
+            of its measurement noise (standard deviation) to the map's horizontal slope is at most
+            this value. At a larger ratio, the map is too flat to observe the position. The sample
+            is then `flat`: it corrects only the temporal variation and the map error. The column
+            `map_slope` is appended. Unit: m. Allowed: above 0. Unset: all samples correct the
+            position.
         iterations : int, optional
             For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
             Default: `5`.
             For `fixed_lag`: Maximum number of iterations per window. Default: `15`.
             For `rts`: Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
         tolerance_m : float, optional
-            For `iekf`: Position change per iteration below which the iteration ends. Unit: m.
-            Allowed: above 0. Default: `0.1`.
+            For `iekf`: The iteration ends when the position changes by less than this distance.
+            Unit: m. Allowed: above 0. Default: `0.1`.
             For `rts`: Limit on the position change. The iteration ends when no position on the line
             changes by more than this limit. Unit: m. Allowed: above 0. Default: `0.1`.
         alpha : float, optional
@@ -3467,37 +3471,37 @@ class StageMethods:
         aircraft_sigma_nt : float, optional
             For `fixed_lag`: Standard deviation of the slowly varying aircraft field that the
             coefficients do not explain. 0 assumes no such field. Unit: nT. Allowed: 0 or above.
-            Unset: 30.0, or 0 if `tuning = "auto"` estimates the noise of the line: the estimated
-            noise then includes this field.
+            Unset: 30.0; 0 if `tuning = "auto"` estimates the noise of the line, because the
+            estimated noise includes this field.
         aircraft_tau_s : float, optional
             For `fixed_lag`: Time constant of the slowly varying aircraft field that the
             coefficients do not explain. Unit: s. Allowed: above 0. Default: `300.0`.
         particles : int, optional
-            For `mpf`: Number of particles. Use 1000 if the INS position is known to within hundreds
+            For `mpf`: Number of particles. Use 3000 if the INS position is known to within hundreds
             of metres. Use 10,000 if the INS position is uncertain by kilometres, or with a
-            measurement as precise as `gradient`. Allowed: 1 to 1000000. Unset: 1000 to 50,000, by
+            measurement as precise as `gradient`. Allowed: 1 to 1000000. Unset: 3000 to 50,000, by
             KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; the column `particles` is
             then appended.
-            For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: 1000 to 50,000,
+            For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: 3000 to 50,000,
             by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`.
             For `slam`: Number of particles. They must cover the drift between revisits densely, so
             a less accurate INS requires more particles. Allowed: 2 to 1000000. Default: `1000`.
         resample_threshold : float, optional
-            For `mpf`: Effective number of particles, as a fraction of their number, below which the
-            particles are resampled. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more
+            For `mpf`: The particles are resampled when their effective number falls below this
+            fraction of their number. 0.5 is usual; a larger value (0.8 in MagNav.jl) resamples more
             often and only adds noise. Allowed: 0 to 1. Default: `0.5`.
         regularise : bool, optional
             For `mpf`: Resamples from a kernel density. The position error of a good INS has almost
             no process noise, so without the kernel density only copies of a few particles remain.
             The covariance is then far too small. Default: `true`.
         smooth_over_m : float, optional
-            For `mpf`: Distance over which the map is nearly linear; typically its height above the
-            sources. A wider cloud of particles is divided into parts with one kernel each. With
-            `gradient`, set a third of this distance, over which the slope of the map is nearly
-            linear. Unit: m. Allowed: above 0. Default: `200.0`.
-            For `mpf_then_ekf`: Distance over which the map is nearly linear; typically its height
+            For `mpf`: Distance over which the map is nearly linear; typically the height of the map
             above the sources. A wider cloud of particles is divided into parts with one kernel
-            each. Unit: m. Allowed: above 0. Default: `200.0`.
+            each. With `gradient`, set a third of this distance, over which the slope of the map is
+            nearly linear. Unit: m. Allowed: above 0. Default: `200.0`.
+            For `mpf_then_ekf`: Distance over which the map is nearly linear; typically the height
+            of the map above the sources. A wider cloud of particles is divided into parts with one
+            kernel each. Unit: m. Allowed: above 0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation, per axis, of position noise that is added to each
             resampled particle. The unit is the range of the particles divided by the square root of
@@ -3545,8 +3549,8 @@ class StageMethods:
             `trigger_points` earlier samples lie within this radius. Unit: m. Allowed: above 0.
             Unset: the larger of 18 m and 1.6 times the distance between samples.
         trigger_points : int, optional
-            For `slam`: Number of earlier samples within `trigger_radius_m` above which a sample is
-            a revisit. Default: `2`.
+            For `slam`: A sample is a revisit if more than this number of earlier samples lie within
+            `trigger_radius_m`. Default: `2`.
         interpolation_radius_m : float, optional
             For `slam`: Radius within which earlier samples are used for a prediction. Unit: m.
             Allowed: above 0. Unset: half the correlation length, at most 0.4 of the distance flown
@@ -3559,8 +3563,8 @@ class StageMethods:
             For `slam`: Standard deviation of an inverse-distance-weighted prediction. Unit: nT.
             Allowed: above 0. Default: `10.0`.
         resample_below : float, optional
-            For `slam`: Effective number of particles, as a fraction of their number, below which
-            the particles are resampled. Allowed: 0 to 1. Default: `0.5`.
+            For `slam`: The particles are resampled when their effective number falls below this
+            fraction of their number. Allowed: 0 to 1. Default: `0.5`.
         smooth : bool, optional
             For `slam`: Replaces the track of the particles by the most probable track of the whole
             flight. Default: `false`.
@@ -3577,16 +3581,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("navigate", locals())
@@ -3640,16 +3644,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -3729,16 +3733,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -3782,10 +3786,10 @@ class StageMethods:
         Use `map_grid` to make a navigation map from the survey lines that `where` selects.
         `equivalent_sources` gives a potential field at one height, by default the height of the
         highest point. The potential field can be continued to other heights. `minimum_curvature`
-        interpolates the values at the flight heights, and does not require heights. Levelling is
-        part of this stage because it uses the crossings of the points that are gridded: in the
-        map's coordinates, after the reduction to blocks. Do not grid the lines that are navigated,
-        because the map would then contain the field measured along these lines.
+        interpolates the values without continuing them to a common height, so it does not require
+        heights. Levelling is part of this stage, because it uses the crossings in the map's
+        coordinates and the values without core field and diurnal variation. Do not grid the lines
+        that are navigated, because the map would then contain the field measured along these lines.
 
         These points are omitted: points without a position, a value or, for equivalent sources, a
         height; duplicates; outliers along a line; points far from all others; and lines of fewer
@@ -3834,8 +3838,8 @@ class StageMethods:
             Side of the blocks to which points are reduced. 0 keeps every point. Unit: m. Allowed: 0
             or above. Unset: a quarter of the distance between lines, at most 200 m.
         mask_m : float, optional
-            Distance from the nearest point beyond which nodes are unknown. `inf` sets no limit.
-            Unit: m. Unset: twice the distance between lines.
+            Nodes farther than this distance from the nearest point are unknown. `inf` sets no
+            limit. Unit: m. Unset: twice the distance between lines.
         keep_outliers : bool, optional
             Keeps outliers along a line, and points far from all others. Default: `false`.
         cross_validate : int, optional
@@ -3848,16 +3852,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -3993,16 +3997,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -4060,7 +4064,7 @@ class StageMethods:
             Power in the weights 1/distance^`power` of the nodes in the mean. Allowed: above 0.
             Unset: equal weights.
         within_m : float, optional
-            Distance from the nearest known node beyond which nodes remain unknown. Unit: m.
+            Nodes farther than this distance from the nearest known node remain unknown. Unit: m.
             Allowed: above 0. Unset: all nodes are filled.
         feather_m : float, optional
             Width of the transition between two maps at their common edge. Unit: m. Allowed: 0 or
@@ -4074,16 +4078,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -4144,16 +4148,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -4212,16 +4216,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
         """
         return self._stage("map_convert", locals())
@@ -4292,16 +4296,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -4414,16 +4418,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
@@ -4503,16 +4507,16 @@ class StageMethods:
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
         where : str, optional
-            An SQL predicate that selects the input rows, such as `line = '1003.02'`; for a stage
-            that works on one line at a time, the predicate may contain only the columns `flight`
-            and `line`.
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`. If the stage
+            processes each line separately, the predicate may contain only the columns `flight` and
+            `line`.
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
             Columns that pass through the stage unchanged into its published table, such as `["lat",
-            "lon"]`; for tables of flight lines (default: none).
+            "lon"]`; only for tables of flight lines (default: none).
         keep : bool, optional
-            `false`: results are not stored, but recomputed when required; for tables of flight
+            `false`: results are not stored, but recomputed when required; only for tables of flight
             lines with `publish = false` (default: `true`).
 
         References
