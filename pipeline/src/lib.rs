@@ -11,7 +11,7 @@
 //! ```
 //! Each crate uses only the crates below it.
 //!
-//! [`main`] is the command line over a catalogue of stages: [`catalogue`], optionally with custom stages.
+//! [`main`] runs the command line with a catalogue of stages: [`catalogue`], optionally with custom stages.
 
 pub mod bench;
 mod cli;

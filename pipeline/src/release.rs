@@ -120,7 +120,7 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
 ///
 /// # Errors
 /// Fails if the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
-/// Fails if the folder holds other files, or the file system reports an error. The target then stays unchanged.
+/// Fails if the folder holds other files or if the file system reports an error. The target then stays unchanged.
 pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Result<ReleaseSummary, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;

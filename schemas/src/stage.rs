@@ -125,11 +125,11 @@ pub trait LineStage: Stage {
 
     /// Runs several points of a sweep over one line, for stages that share work between points.
     ///
-    /// All points belong to the same flight and line, in the order of the plan. Each has the columns that it declared,
-    /// so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a result
-    /// does not depend on the other points, and a fault of one does not affect the others. All results are in memory
-    /// together. A panic aborts the whole call; a caller that needs the other points catches it and runs them one at a
-    /// time.
+    /// The points are in the order of the plan, and belong to one flight and line. Each has the columns that it
+    /// declared, so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a
+    /// result does not depend on the other points, and a fault of one does not affect the others. All results are in
+    /// memory together. A panic aborts the whole call; a caller that needs the other points catches it and runs them
+    /// one at a time.
     fn run_points(points: &[LinePoint<Self>]) -> Vec<LineOutput>
     where
         Self: Sized,

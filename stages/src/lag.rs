@@ -23,11 +23,11 @@ stage! {
     /// `resample` removes this lag.
     ///
     /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both columns must
-    /// measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer
-    /// and a scalar magnetometer, or the turn rate and the derivative of a heading. Slow variations flatten the
-    /// correlation peak, so remove them with `low_hz` or with a `derivative` stage before this one. Samples must be
-    /// evenly spaced. If the sensors have different rates, first resample them to the same times, at their highest rate
-    /// or above.
+    /// measure the same quantity. Examples of such pairs are two magnetometers in a manoeuvre; a scalar magnetometer
+    /// and the magnitude of a vector magnetometer; and the turn rate and the derivative of a heading. Slow variations
+    /// flatten the correlation peak, so remove them with `low_hz` or with a `derivative` stage before this one. Samples
+    /// must be evenly spaced. If the sensors have different rates, first resample them to the same times, at their
+    /// highest rate or above.
     ///
     /// `sd_s` is the standard error of the lag if the difference between the two signals is white noise. For correlated
     /// noise, `sd_s` is too small. `correlation` is the correlation coefficient at the peak. `next_peak` is the height

@@ -70,11 +70,11 @@ stage! {
     /// rate, has a null value and the reason in `note`. The other metrics are kept. The run reports a warning; if
     /// `metrics` lists the metric, the run fails.
     ///
-    /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
-    /// score, or to choose a parameter in a search. Such a score measures the error of the fit, not of a prediction,
-    /// and is never selected as the best of a sweep. The noise that `navigate` estimates on the navigated line does not
-    /// put the line in sample, because the estimate uses no truth data. Models read from files are assumed to be fitted
-    /// to other lines.
+    /// The published table also has `in_sample`. It is true if the line was used to fit the model, estimate the noise
+    /// or make the map on which the score depends, or to choose a parameter in a search. Such a score measures the
+    /// error of the fit, not of a prediction, and is never selected as the best of a sweep. The noise that `navigate`
+    /// estimates on the navigated line does not put the line in sample, because the estimate uses no truth data. Models
+    /// read from files are assumed to be fitted to other lines.
     ///
     /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
     /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius

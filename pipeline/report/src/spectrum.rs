@@ -117,7 +117,7 @@ mod tests {
         assert_eq!(whole.columns[0].left_out, 0);
         tt[400..].iter_mut().for_each(|t| *t += 100.0);
         let found = amplitude_spectrum(&tt, &[&x]).unwrap();
-        // 128 samples of a segment, half overlap: two segments contain the gap.
+        // Segments have 128 samples and overlap by half, so two segments contain the gap.
         assert_eq!((found.segment, found.columns[0].left_out), (128, 2));
         assert_eq!(gapped(&[0.0, 0.1, 0.4], &[1.0, 2.0, 3.0], 10.0)[1..2], [2.0]);
         assert!(gapped(&[0.0, 0.1, 0.4], &[1.0, 2.0, 3.0], 10.0)[2].is_nan());

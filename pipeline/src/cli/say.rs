@@ -29,7 +29,7 @@ pub(crate) use {err, out};
 
 /// Whether standard output is closed.
 static GONE: AtomicBool = AtomicBool::new(false);
-/// The error of writing standard output.
+/// The error from writing to standard output.
 static LOST: OnceLock<String> = OnceLock::new();
 
 /// Writes one line to standard error, its control characters [`visible`].
@@ -60,7 +60,7 @@ pub fn gone() -> bool {
     GONE.load(Ordering::Relaxed)
 }
 
-/// The error of writing standard output, if any.
+/// The error from writing to standard output, if any.
 pub fn lost() -> Option<&'static str> {
     LOST.get().map(String::as_str)
 }

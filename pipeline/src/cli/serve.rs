@@ -9,7 +9,7 @@ use super::ExitReason;
 
 /// The arguments of a server.
 #[derive(Args)]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "the fields are read only with the feature `serve`"))]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads the fields"))]
 pub struct ServeArgs {
     /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = super::located)]

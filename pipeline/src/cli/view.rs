@@ -7,7 +7,7 @@ use super::ExitReason;
 
 /// The arguments of a view.
 #[derive(Args)]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "the fields are read only with the feature `serve`"))]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads the fields"))]
 pub struct ViewArgs {
     /// The spec, whose runs are shown as they progress; or the store's folder or address such as s3://BUCKET/PREFIX. By
     /// default the folder `store` here or in the folder above.

@@ -110,7 +110,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
-    /// Whether the filter requires the direction of the field in the sensor, `vector`.
+    /// Whether the filter requires `vector`, the direction of the field in the frame of the sensor.
     fn takes_direction(&self) -> bool {
         self.further().is_some_and(AuxiliaryMeasurements::takes_direction)
     }

@@ -51,7 +51,7 @@ params! {
     /// Standard deviation of the white noise of each component of `vector`. If set, the components are used as
     /// measurements. They depend on the total field and on the attitude, but not on a rotation about the field
     /// direction. This key requires `core_field = true` and a calibrated vector magnetometer.
-    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not a measurement", rule Rule::Positive;
+    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not used as a measurement", rule Rule::Positive;
     /// Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a bias of 50 nT
     /// corresponds to an attitude error of 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
@@ -107,8 +107,8 @@ params! {
         rule Rule::NotNegative;
     /// Time constant of the change in the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
-        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise infinite: a change that is \
-            constant along the line",
+        absent "the maximum-likelihood estimate with `tuning = \"auto\"`, otherwise infinite, so that the \
+            change is constant along the line",
         rule Rule::Positive;
     /// A sample corrects the position only if the ratio of its measurement noise (standard deviation) to the map's
     /// horizontal slope is at most this value. At a larger ratio, the map is too flat to observe the position. The

@@ -112,7 +112,9 @@ impl TrackMap {
         };
         let averaged = averaged((0..tt.len()).filter_map(one), self.interval_s);
         match averaged.is_empty() {
-            true => Err(Fault::data("no sample has a position with a standard deviation, a height and a measurement")),
+            true => {
+                Err(Fault::data("no sample has a height, a measurement, and a position with its standard deviation"))
+            }
             false => Ok(averaged),
         }
     }

@@ -132,7 +132,7 @@ mod tests {
 
     use super::*;
 
-    /// Directions over the whole sphere that change slowly.
+    /// Slowly changing directions that cover the whole sphere.
     fn tumbling(rows: usize) -> [Vec<f64>; 3] {
         let at = |hz: [f64; 2], k: usize| {
             let t = k as f64 * 0.1;

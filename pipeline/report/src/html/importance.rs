@@ -109,7 +109,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
                 p.lead { "Each bar is the mean of the absolute values over the lines. Each dot is one line, or one \
                           random seed on a line. Correlated inputs share or mask importance." }
                 @for picture in drawn { (picture) }
-                @if more > 0 { p.note { (more) " more models are not drawn." } }
+                @if more > 0 { p.note { (more) " further models are not drawn." } }
             }
         }
     }))

@@ -76,7 +76,7 @@ fn check(plan: &PhysicalPlanNode) -> Result<()> {
         _ => return refused("the plan has a node that is not magline's"),
     };
     if !names_a_job(&writer.job_id) || writer.input.is_some() || writer.output_partitioning.is_some() {
-        return refused("the node that writes the receipts is not magline's");
+        return refused("the node that writes the receipts is not a node of magline");
     }
     match single(node)? {
         Some(Node::Extension(input)) if input.node.starts_with(MARK.as_bytes()) => units(input),

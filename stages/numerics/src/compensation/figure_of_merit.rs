@@ -57,8 +57,8 @@ impl BoxManoeuvre {
 
 /// Manoeuvres found in an attitude record (roll, pitch and yaw in degrees at the times `tt_s`), in order of time.
 ///
-/// A manoeuvre is a sequence of five or more extremes of one axis, with swings of at least 3 degrees, of similar swing
-/// and spacing. If two axes swing at the same time, the manoeuvre belongs to the axis with the larger swing.
+/// A manoeuvre is a sequence of five or more extremes of one axis, with similar swings of at least 3 degrees and
+/// similar spacing. If two axes swing at the same time, the manoeuvre belongs to the axis with the larger swing.
 pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<BoxManoeuvre> {
     let mut found: Vec<BoxManoeuvre> = vec![];
     for (axis, angle) in [ManoeuvreAxis::Roll, ManoeuvreAxis::Pitch, ManoeuvreAxis::Yaw].into_iter().zip(attitude_deg) {

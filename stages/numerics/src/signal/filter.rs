@@ -253,7 +253,7 @@ pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usiz
     ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }
 
-/// Rows `rows` of a matrix, rotated by half a turn about its row `about`.
+/// Odd reflection of the rows `rows` of a matrix about its row `about`: twice that row minus each row.
 fn reflection(values: &[f64], columns: usize, about: usize, rows: impl Iterator<Item = usize>) -> Vec<f64> {
     let row = |row: usize| &values[row * columns..(row + 1) * columns];
     rows.flat_map(|other| row(other).iter().zip(row(about))).map(|(value, about)| 2.0 * about - value).collect()

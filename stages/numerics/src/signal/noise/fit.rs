@@ -95,7 +95,7 @@ impl NoiseFitPoint {
 /// partly missed. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
 ///
 /// # Errors
-/// Fails for a record that is constant, too short, or too short for its correlation time.
+/// Fails for a record that is constant, has too few samples, or is too short for its correlation time.
 pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineNoiseModel, NoiseFitError> {
     let longest = runs.iter().map(|run| run.len()).max().unwrap_or(0);
     if longest < LEAST_SAMPLES {
