@@ -45,7 +45,8 @@ pub struct Spec {
     pub seed: u64,
     /// The store's folder.
     pub store: PathBuf,
-    /// Address of a store in an object store, and the place of the address in the spec. The folder is then a copy of that store.
+    /// Address of a store in an object store, and the place of the address in the spec. The folder is then a copy of
+    /// that store.
     pub store_at: Option<(ObjectAddress, SpecSpan)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
