@@ -362,7 +362,7 @@ def ekf(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -430,8 +430,8 @@ def ekf(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -829,7 +829,7 @@ def iekf(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -897,8 +897,8 @@ def iekf(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -1304,7 +1304,7 @@ def ukf(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -1372,8 +1372,8 @@ def ukf(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -1799,7 +1799,7 @@ def ekf_adaptive(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -1867,8 +1867,8 @@ def ekf_adaptive(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -2334,7 +2334,7 @@ def ekf_online_tl(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -2402,8 +2402,8 @@ def ekf_online_tl(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -2882,7 +2882,7 @@ def fixed_lag(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -2950,8 +2950,8 @@ def fixed_lag(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -3361,7 +3361,7 @@ def rts(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -3429,8 +3429,8 @@ def rts(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -3856,7 +3856,7 @@ def mpf(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -3924,8 +3924,8 @@ def mpf(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -4337,7 +4337,7 @@ def mpf_then_ekf(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -4405,8 +4405,8 @@ def mpf_then_ekf(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the
@@ -4793,7 +4793,7 @@ def crlb(
         components are used as measurements. They depend on the total field and on the attitude,
         but not on a rotation about the field direction. This key requires `core_field = true`
         and a calibrated vector magnetometer. Unit: nT. Allowed: above 0. Unset: the vector is
-        not a measurement.
+        not used as a measurement.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component of `vector`. In a field of 50,000 nT, a
         bias of 50 nT corresponds to an attitude error of 0.06°. Unit: nT. Allowed: 0 or above.
@@ -4861,8 +4861,8 @@ def crlb(
         likelihood, otherwise 0.
     permanent_change_tau_s : float, optional
         Time constant of the change in the permanent field. Unit: s. Allowed: above 0. Unset:
-        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite: a change
-        that is constant along the line.
+        the maximum-likelihood estimate with `tuning = "auto"`, otherwise infinite, so that the
+        change is constant along the line.
     flat_over_m : float, optional
         A sample corrects the position only if the ratio of its measurement noise (standard
         deviation) to the map's horizontal slope is at most this value. At a larger ratio, the

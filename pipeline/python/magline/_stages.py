@@ -1068,12 +1068,12 @@ class StageMethods:
         `lag_s`. The parameter `lag_s` of `resample` removes this lag.
 
         A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both
-        columns must measure the same quantity. Examples are two magnetometers in a manoeuvre, the
-        magnitude of a vector magnetometer and a scalar magnetometer, or the turn rate and the
-        derivative of a heading. Slow variations flatten the correlation peak, so remove them with
-        `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. If the
-        sensors have different rates, first resample them to the same times, at their highest rate
-        or above.
+        columns must measure the same quantity. Examples of such pairs are two magnetometers in a
+        manoeuvre; a scalar magnetometer and the magnitude of a vector magnetometer; and the turn
+        rate and the derivative of a heading. Slow variations flatten the correlation peak, so
+        remove them with `low_hz` or with a `derivative` stage before this one. Samples must be
+        evenly spaced. If the sensors have different rates, first resample them to the same times,
+        at their highest rate or above.
 
         `sd_s` is the standard error of the lag if the difference between the two signals is white
         noise. For correlated noise, `sd_s` is too small. `correlation` is the correlation
@@ -3225,7 +3225,7 @@ class StageMethods:
             component of `vector`. If set, the components are used as measurements. They depend on
             the total field and on the attitude, but not on a rotation about the field direction.
             This key requires `core_field = true` and a calibrated vector magnetometer. Unit: nT.
-            Allowed: above 0. Unset: the vector is not a measurement.
+            Allowed: above 0. Unset: the vector is not used as a measurement.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component
@@ -3309,7 +3309,7 @@ class StageMethods:
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the change in the permanent
             field. Unit: s. Allowed: above 0. Unset: the maximum-likelihood estimate with `tuning =
-            "auto"`, otherwise infinite: a change that is constant along the line.
+            "auto"`, otherwise infinite, so that the change is constant along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: A sample corrects the position only if the ratio
@@ -4352,12 +4352,12 @@ class StageMethods:
         half the sample rate, has a null value and the reason in `note`. The other metrics are kept.
         The run reports a warning; if `metrics` lists the metric, the run fails.
 
-        The published table also has `in_sample`: true if the line was used to make the model, noise
-        or map behind the score, or to choose a parameter in a search. Such a score measures the
-        error of the fit, not of a prediction, and is never selected as the best of a sweep. The
-        noise that `navigate` estimates on the navigated line does not put the line in sample,
-        because the estimate uses no truth data. Models read from files are assumed to be fitted to
-        other lines.
+        The published table also has `in_sample`. It is true if the line was used to fit the model,
+        estimate the noise or make the map on which the score depends, or to choose a parameter in a
+        search. Such a score measures the error of the fit, not of a prediction, and is never
+        selected as the best of a sweep. The noise that `navigate` estimates on the navigated line
+        does not put the line in sample, because the estimate uses no truth data. Models read from
+        files are assumed to be fitted to other lines.
 
         The table `scores_pooled` of the pipeline has one row per point and metric. Its `value`
         pools the lines that are not in sample (all lines if every line is in sample), and
