@@ -206,7 +206,7 @@ fn unit_invalid_networks_are_rejected() {
     let noiseless = TrainingParameters { sigma_nt: 0.0, ..parameters };
     assert_eq!(words(&good, None, &noiseless), "`calibration_sigma_nt` must be above 0, not 0");
     let short = NetworkCalibration { aircraft_nt: &field_nt[1..], ..good };
-    assert!(words(&short, None, &parameters).contains("do not match"));
+    assert!(words(&short, None, &parameters).contains("require 50 field values"));
     let none = vec![f64::NAN; 50];
     let empty = NetworkCalibration { aircraft_nt: &none, ..good };
     assert_eq!(words(&empty, None, &parameters), "the calibration has 0 usable rows; 4 are required");

@@ -71,7 +71,7 @@ fn unit_one_calibration_requires_its_covariance() {
     let words = |tables: &[&[f64]], own: Option<&[f64]>| prior_from_calibrations(tables, own).unwrap_err().to_string();
     assert!(words(&[&[1.0, 2.0]], None).starts_with("the scatter of a single calibration is unknown"));
     assert_eq!(words(&[], None), "no calibration is given");
-    assert!(words(&[&[1.0, 2.0], &[1.0]], None).starts_with("calibration 1 must have 2 finite"));
+    assert!(words(&[&[1.0, 2.0], &[1.0]], None).starts_with("calibration 1 must have 2 coefficients"));
     assert!(words(&[&[1.0, 2.0], &[1.0, f64::NAN]], None).starts_with("calibration 1"));
     assert!(words(&[&[1.0, 2.0]], Some(&[1.0, 2.0, 2.0, 1.0])).contains("a correlation is outside -1 to 1"));
 }
