@@ -197,7 +197,7 @@ fn gold_unusable_lines_are_rejected_with_the_reason() {
     let fault = plainly.measured(&LineInput { inputs: vec![two.inputs[0].clone(), later], ..two.clone() }).unwrap_err();
     assert!(fault.to_string().contains("different samples"), "{fault}");
     let none = LineInput { keep: Some(vec![false; 60]), ..two.clone() };
-    assert!(plainly.measured(&none).unwrap_err().to_string().contains("no sample has a position"));
+    assert!(plainly.measured(&none).unwrap_err().to_string().contains("no sample has a height, a measurement"));
     let gather = TrackMap::gather(vec![crate::testing::point(&plainly)]);
     assert_eq!(gather.refused(&gather.map(&none).unwrap()).len(), 1);
     let refused = |args: &[(&str, Literal)]| yielded(&plain(args), &survey(0.0, false)).unwrap_err().to_string();
