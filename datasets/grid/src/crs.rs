@@ -21,6 +21,8 @@ pub struct Crs {
     wkt: &'static str,
     definition: &'static str,
     projection: Arc<Projection>,
+    /// Central meridian of a UTM zone, in degrees.
+    zone_meridian_deg: Option<f64>,
 }
 
 impl Crs {
@@ -45,7 +47,10 @@ impl Crs {
             return Err(unknown(format!("cannot be used: {why}")));
         }
         let projection = Projection::new(known.proj4).map_err(|e| unknown(format!("cannot be used: {e}")))?;
-        Ok(Crs { code, wkt: known.wkt, definition: known.proj4, projection: Arc::new(projection) })
+        let zone = known.proj4.split_whitespace().find_map(|word| word.strip_prefix("+zone="));
+        let zone_meridian_deg = zone.and_then(|zone| zone.parse::<f64>().ok()).map(|zone| zone * 6.0 - 183.0);
+        let (wkt, definition, projection) = (known.wkt, known.proj4, Arc::new(projection));
+        Ok(Crs { code, wkt, definition, projection, zone_meridian_deg })
     }
 
     /// WGS-84 latitude and longitude in degrees, EPSG:4326.
@@ -123,9 +128,7 @@ impl Crs {
     /// Whether a longitude in degrees is within 6.5 degrees of the central meridian of a UTM zone; always true for
     /// other systems.
     pub fn is_near_zone(&self, lon_deg: f64) -> bool {
-        let mut words = self.definition.split_whitespace();
-        let zone = words.find_map(|word| word.strip_prefix("+zone=")).and_then(|zone| zone.parse::<f64>().ok());
-        zone.is_none_or(|zone| wrap_deg(lon_deg - (zone * 6.0 - 183.0)).abs() < UTM_REACH_DEG)
+        self.zone_meridian_deg.is_none_or(|meridian| wrap_deg(lon_deg - meridian).abs() < UTM_REACH_DEG)
     }
 
     /// Whether its coordinates at a position equal WGS-84 degrees within about a metre.

@@ -351,27 +351,26 @@ impl<'a> PointColumnRoles<'a> {
         let fault = |row: usize, what: String, help: &str| {
             Err(ReadError::data(path, what).in_column(&self.x.name).in_row(row as u64).help(help))
         };
-        let mut far = vec![];
         for ((x, y), row) in x.iter().zip(y).zip(rows) {
             let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.position(*x, *y) };
             let Some((lat, lon)) = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0) else {
                 let what = format!("x {x} and y {y} are not a position in {}", self.system);
                 return fault(*row, what, "check the columns, their units and the EPSG code");
             };
-            if !self.system.is_near_zone(lon) {
-                far.push((*row, *x, *y));
-            }
             places.0.push(lat);
             places.1.push(wrap_deg(lon));
         }
-        if let Some((row, x, y)) = far.first().filter(|_| usual && 2 * far.len() > rows.len()) {
+        let mut far = (0..rows.len()).filter(|at| usual && !self.system.is_near_zone(places.1[*at]));
+        if 2 * far.clone().count() > rows.len()
+            && let Some(at) = far.next()
+        {
             let what = format!(
-                "x {x} and y {y}, like most positions, are more than 6.5 degrees from the central meridian of {}",
-                self.system
+                "x {} and y {}, like most positions, are more than 6.5 degrees from the central meridian of {}",
+                x[at], y[at], self.system
             );
             let help = "check the columns, their units and the EPSG code; set `accept = [\"range\"]` or use `--accept \
                         range` to keep the positions";
-            return fault(*row, what, help);
+            return fault(rows[at], what, help);
         }
         Ok(places)
     }
