@@ -13,6 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 REPOSITORY = Path(__file__).resolve().parents[3]
 SAMPLES = REPOSITORY / "datasets" / "samples"
 SPEC = REPOSITORY / "datasets" / "examples" / "tolles_lawson.toml"

@@ -14,12 +14,8 @@ from typing import Any
 
 import magline
 import pytest
+from conftest import tomllib
 from magline import _toml
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def keys(spec: Path) -> dict[str, Any]:

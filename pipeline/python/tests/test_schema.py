@@ -8,12 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import tomllib
 from jsonschema import Draft7Validator
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 EXAMPLES = Path(__file__).parents[3] / "datasets/examples"
 SPECS = sorted(path for path in EXAMPLES.glob("*.toml") if not path.stem.endswith((".synth", "_mapping")))

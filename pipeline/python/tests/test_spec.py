@@ -6,7 +6,6 @@ import inspect
 import keyword
 import re
 import subprocess
-import sys
 import sysconfig
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,8 @@ from typing import Any
 import magline
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, tomllib
 from magline import Spec
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 COMMAND = str(Path(sysconfig.get_path("scripts")) / "magline")
 SAMPLE = "../samples/magnavjl_tl/magnavjl_tl.parquet"
