@@ -180,6 +180,13 @@ impl<'a> LineFacts<'a> {
         self.row.get(&track::DRMS).zip(self.row.get(&track::INS_DRMS)).is_some_and(|(drms, ins)| drms > ins)
     }
 
+    /// Whether the position is lost, overconfident, or from an initial position that is too uncertain for this filter.
+    /// Constants that were estimated along such a track may be as wrong as its positions.
+    fn unreliable(&self) -> bool {
+        let overconfident = self.row.get(&track::NEES).is_some_and(|nees| nees > limits::CONSISTENT_NEES);
+        self.diverged() || overconfident || self.wide_start_m().is_some()
+    }
+
     /// Likely cause of a warning; `None` if no known fact explains it.
     pub fn cause(&self, kind: WarningKind) -> Option<String> {
         if kind == WarningKind::Retention {
@@ -191,6 +198,11 @@ impl<'a> LineFacts<'a> {
         let found = match kind {
             WarningKind::WorseThanIns | WarningKind::NeesHigh | WarningKind::NisHigh => self.too_sure(settings, kind),
             WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
+            WarningKind::Late | WarningKind::HeightBias if self.unreliable() => vec![
+                "the filter lost the position or is overconfident on this line, so this estimate may be wrong, too: \
+                 first remove the causes of the other warnings of this line"
+                    .to_owned(),
+            ],
             WarningKind::Late => self.lag_s().map(|(lag_s, _)| {
                 format!(
                     "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag \

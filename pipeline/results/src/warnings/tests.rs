@@ -223,6 +223,27 @@ fn unit_a_significant_height_bias_is_flagged() {
     );
 }
 
+#[test]
+fn unit_a_constant_estimated_on_a_lost_line_has_no_remedy_of_its_own() {
+    let rows = [
+        (LineMetrics::from([("drms", 9000.0), ("ins_drms", 900.0)]), None),
+        (LineMetrics::from([("drms", 90.0), ("ins_drms", 900.0), ("nees", 80.0)]), None),
+        (LineMetrics::from([("nis", 1.0)]), Some((1500.0, 285.0))),
+    ];
+    for (row, start_m) in rows {
+        let settings =
+            NavigationSettings { lag_s: Some((0.6, 0.04)), height_bias_m: Some((610.0, 4.0)), start_m, ..given(5.0) };
+        let found = judge(&facts(&row, settings));
+        for kind in [WarningKind::Late, WarningKind::HeightBias] {
+            let cause = found.iter().find(|w| w.kind == kind).unwrap().cause.clone().unwrap();
+            assert!(cause.starts_with("the filter lost the position") && !cause.contains("`ins_alt`"), "{cause}");
+        }
+    }
+    let consistent = LineMetrics::from([("drms", 90.0), ("ins_drms", 900.0), ("nees", 2.1)]);
+    let found = judge(&facts(&consistent, NavigationSettings { lag_s: Some((0.6, 0.04)), ..given(5.0) }));
+    assert!(found[0].cause.as_ref().unwrap().contains("`lag_s` of `resample`"));
+}
+
 fn warning(kind: WarningKind, value: f64, limit: f64, line: &str) -> Warning {
     Warning {
         stage: "scores".into(),
