@@ -102,8 +102,13 @@ def test_a_complete_series_of_a_report_has_spectra(visit):
     assert abs(mean / (0.1 / math.sqrt(5)) - 1) < 0.25, mean
 
 
+def drawn_map(page):
+    page.locator("#maps .map-frame canvas").first.wait_for()
+    return page.locator("#maps .map-frame").first
+
+
 def profile(page):
-    frame = page.locator("#maps .map-frame").first
+    frame = drawn_map(page)
     frame.scroll_into_view_if_needed()
     box = frame.bounding_box()
     for x, y in [(0.25, 0.75), (0.7, 0.3)]:
@@ -141,15 +146,27 @@ def test_a_drawn_line_gives_a_profile(page):
 
 
 def test_a_profile_is_drawn_by_keyboard(page):
-    frame = page.locator("#maps .map-frame").first
+    frame = drawn_map(page)
     frame.focus()
     page.keyboard.press("Enter")
     for _ in range(20):
         page.keyboard.press("ArrowRight")
     page.keyboard.press("Enter")
     page.locator("#maps .map-profile svg path.spectrum").wait_for()
-    page.locator("#maps .map-frame").first.focus()
+    frame.focus()
     page.keyboard.press("Escape")
+    assert page.locator("#maps .map-profile svg").count() == 0
+    # Escape before the profile is there.
+    waiting = []
+    page.route("**/api/profile?*", lambda route: waiting.append(route))
+    for keys in ["Enter", "ArrowRight", "Enter"]:
+        frame.press(keys)
+    while not waiting:
+        page.wait_for_timeout(20)
+    frame.press("Escape")
+    with page.expect_response("**/api/profile?*"):
+        waiting[0].continue_()
+    page.wait_for_timeout(200)
     assert page.locator("#maps .map-profile svg").count() == 0
 
 

@@ -138,7 +138,7 @@ def opened(visit, view, name, width, scheme):
         page.locator("section.explorer table.virtual tbody tr").first.wait_for()
         page.locator("#live .figures div").first.wait_for()
         page.locator("#lineage ul.tree li").first.wait_for()
-        page.locator("#maps .map-frame").nth(1).wait_for()
+        page.locator("#maps .map-frame canvas").nth(1).wait_for()
         line_view(page)
     until(page, "document.querySelectorAll('#series .track canvas').length > 0")
     page.wait_for_timeout(500)

@@ -153,6 +153,7 @@ def test_lineage_leads_to_the_line_view(page):
 
 
 def test_the_map_reads_its_values(page):
+    page.locator("#maps .map-frame canvas").first.wait_for()
     frame = page.locator("#maps .map-frame").first
     frame.scroll_into_view_if_needed()
     frame.hover()

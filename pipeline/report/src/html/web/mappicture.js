@@ -35,7 +35,12 @@ class MapPicture {
     this.home = element("div", { class: "map-profile" });
     figure.append(this.controls, this.frame, this.scale, this.read, this.caption, this.hint, this.home);
     this.listen();
-    addEventListener("hashchange", () => { this.state = stateOf(table); this.load(); });
+    addEventListener("hashchange", () => {
+      const before = JSON.stringify(this.point);
+      this.state = stateOf(table);
+      if (JSON.stringify(this.point) !== before) this.clear();
+      this.load();
+    });
     this.load();
   }
 
@@ -70,7 +75,7 @@ class MapPicture {
 
   /** @param {string} key @param {string} value @param {string} usual */
   set(key, value, usual) {
-    // A profile is of one point.
+    // A profile is of one point of the sweep.
     if (key.startsWith("axis.")) this.clear();
     if (value === usual) delete this.state[key]; else this.state[key] = value;
     keepState(this.table, this.state);
@@ -221,12 +226,14 @@ class MapPicture {
 
   /** Draws a profile of the map between two positions. @param {Position} from @param {Position} to */
   async profile(from, to) {
-    const { home } = this;
+    const { home } = this, removed = () => this.ends[0] !== from || this.ends[1] !== to;
     try {
       const found = await this.source.profile(this.table, from, to, this.point);
+      if (removed()) return;
       home.replaceChildren(found.known ? profileFigure(found, Math.max(300, home.clientWidth - 30),
         (place) => this.hover(place)) : element("p", { class: "note" }, ["The map has no value along this line."]));
     } catch (error) {
+      if (removed()) return;
       home.replaceChildren(element("p", { class: "note" }, [error instanceof Error ? visible(error.message)
         : "The profile cannot be computed."]));
     }
