@@ -58,7 +58,7 @@ pub struct AnomalyGrid {
 
 /// The unit of an anomaly.
 pub const NANOTESLA: &str = "nT";
-/// The units of its derivatives.
+/// The units of the anomaly's derivatives.
 pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 
 /// Distances are corrected if the projection's scale deviates from 1 by more than this.
@@ -162,7 +162,7 @@ impl AnomalyGrid {
         self.x.len.saturating_mul(self.y.len)
     }
 
-    /// Whether its coordinates are degrees.
+    /// Whether the coordinates are degrees.
     pub fn is_geographic(&self) -> bool {
         self.crs.is_geographic()
     }
@@ -208,10 +208,10 @@ impl AnomalyGrid {
 
     /// Metres per unit of `x` and of `y`, at the middle of the map.
     ///
-    /// For eastings and northings, this is the length of the coordinate system's unit. If the scale of the projection
-    /// differs by more than 0.5 % from 1, as for web Mercator, it is the length on the ground. For degrees, the lengths
-    /// are arcs of one degree. Their radii are the transverse radius of curvature times the cosine of the latitude, and
-    /// the meridian radius [Torge & Müller, Geodesy, 4.1.3].
+    /// For eastings and northings, this is the length of the coordinate system's unit, or the length on the ground if
+    /// the scale of the projection differs by more than 0.5 % from 1, as for web Mercator. For degrees, the lengths are
+    /// arcs of one degree. The radius of the arc along `x` is the transverse radius of curvature times the cosine of
+    /// the latitude; the radius of the arc along `y` is the meridian radius [Torge & Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let lat = middle(&self.y).to_radians();

@@ -95,7 +95,7 @@ impl Crs {
         self.definition
     }
 
-    /// Whether its coordinates are degrees.
+    /// Whether the coordinates are degrees.
     pub fn is_geographic(&self) -> bool {
         self.projection.is_geographic()
     }
@@ -131,7 +131,7 @@ impl Crs {
         self.zone_meridian_deg.is_none_or(|meridian| wrap_deg(lon_deg - meridian).abs() < UTM_REACH_DEG)
     }
 
-    /// Whether its coordinates at a position equal WGS-84 degrees within about a metre.
+    /// Whether the system's coordinates of a position equal the position's WGS-84 degrees within about a metre.
     pub fn is_wgs84_at(&self, lat_deg: f64, lon_deg: f64) -> bool {
         const METRE_DEG: f64 = 1e-5;
         let same = |(lat, lon): (f64, f64)| {
@@ -160,7 +160,7 @@ fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
     (!shifted && !modern && !sphere).then_some("the transformation from its datum to WGS-84 is unknown")
 }
 
-/// The code of the coordinate system that well-known text defines, by its authority, else by its name.
+/// The EPSG code of a coordinate system in well-known text, from the authority in the text, otherwise from the name.
 pub fn epsg_of_wkt(wkt: &str) -> Option<u16> {
     authority(wkt).or_else(|| epsg_of_name(wkt.split('"').nth(1)?))
 }
@@ -193,7 +193,7 @@ pub fn unit_of_wkt(wkt: &str) -> Option<(String, f64)> {
     if !(kind.starts_with("PROJCS") || kind.starts_with("PROJCRS")) {
         return None;
     }
-    // The units of the datum's angles come first.
+    // The units of the datum's angles come first in the text, so the last unit is used.
     let at = ["LENGTHUNIT[\"", "UNIT[\""].into_iter().find_map(|key| Some(wkt.rfind(key)? + key.len()))?;
     let (name, rest) = wkt.get(at..)?.split_once("\",")?;
     let size = rest.split([',', ']']).next()?.trim().parse::<f64>().ok()?;

@@ -44,7 +44,7 @@ impl ReadError {
         Self(Box::new(Fault::new(shown.strip_prefix("error: ").unwrap_or(&shown))))
     }
 
-    /// Adds the row, from 0.
+    /// Adds the row, counted from 0.
     pub fn in_row(self, row: u64) -> Self {
         Self(Box::new(self.0.in_row(row)))
     }
@@ -64,7 +64,7 @@ impl ReadError {
         Self(Box::new(self.0.nearest(given, known)))
     }
 
-    /// The fault, with its position and owner.
+    /// The fault, with its position and the party that has to act.
     pub fn fault(&self) -> &Fault {
         &self.0
     }

@@ -35,7 +35,7 @@ pub fn through<const N: usize>(values: &[f64], width: usize, height: usize, colu
     (!sum.is_nan()).then_some(sum)
 }
 
-/// The first of N nodes around `place`, and the Lagrange weights of all.
+/// The index of the first of the N nodes around `place`, and the Lagrange weights of these nodes.
 fn weights<const N: usize>(place: f64, len: usize) -> Option<(usize, [f64; N])> {
     let most = len.checked_sub(N)?;
     let first = (place.floor() as usize).saturating_sub(N / 2 - 1).min(most);

@@ -18,7 +18,7 @@ use crate::ReadError;
 /// Number of additional columns past each end of a map around the earth: half of the nodes of a polynomial, plus one.
 const SEAM: usize = 6;
 
-/// Minimum size of a grid that can be interpolated.
+/// Minimum number of nodes on each axis for interpolation.
 const LEAST_NODES: usize = 4;
 
 /// Maximum number of nodes; more indicate a spacing in the wrong unit.
@@ -194,7 +194,8 @@ impl AnomalyGrid {
         (lon_step, lat_step)
     }
 
-    /// The map's steps on the ground, in metres. Both axes use the scale of the projection along its northings.
+    /// The map's steps on the ground, in metres. On a projected map, both axes use the scale of the projection along
+    /// the northings.
     fn steps_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let (x, y) = self.unit_m();
@@ -275,7 +276,7 @@ fn covering(ends: CoordinateRange, step: f64) -> EvenAxis {
     EvenAxis { first: ends.0, step: (ends.1 - ends.0) / steps, len: steps as usize + 1 }
 }
 
-/// The multiples of `step` within the ends.
+/// An axis whose nodes are the multiples of `step` between the ends.
 fn multiples(ends: CoordinateRange, step: f64) -> EvenAxis {
     // Rounding of a forward and inverse projection must not move a node on the edge off the axis.
     const SLACK: f64 = 1e-6;

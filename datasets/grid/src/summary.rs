@@ -114,8 +114,8 @@ impl AnomalyGrid {
         }
     }
 
-    /// Mean absolute difference between nodes `apart` positions from each other: 1 for columns, a row's length for
-    /// rows.
+    /// Mean absolute difference between neighbouring nodes. `apart` is the distance of neighbours in the list of
+    /// values: 1 along x, the length of a row along y.
     fn mean_step(&self, apart: usize) -> f64 {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
         let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);

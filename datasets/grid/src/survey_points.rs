@@ -12,7 +12,7 @@ use crate::{AnomalyGrid, Crs, GridHeight, LineType, ReadError};
 pub struct SurveyPointSet {
     /// The projection of eastings and northings.
     pub crs: Crs,
-    /// Eastings, in metres whichever unit the projection has.
+    /// Eastings, in metres even if the projection has another unit.
     pub easting_m: Vec<f64>,
     /// Northings, in metres.
     pub northing_m: Vec<f64>,
@@ -20,7 +20,7 @@ pub struct SurveyPointSet {
     pub lat_deg: Vec<f64>,
     /// WGS-84 longitudes, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Heights in metres, with the reference of the file; NaN where unknown.
+    /// Heights in metres above the file's reference level; NaN where unknown.
     pub height_m: Vec<f64>,
     /// The values; NaN where missing.
     pub value_nt: Vec<f64>,
@@ -30,7 +30,7 @@ pub struct SurveyPointSet {
     pub lines: Vec<String>,
     /// The type of each line; `None` where the file does not give it.
     pub types: Vec<Option<LineType>>,
-    /// Additional columns of the file for reductions.
+    /// Additional columns of the file that reductions use.
     pub extra: ReductionColumns,
     /// The row of each point in the file, counted from 0.
     pub row: Vec<u64>,
@@ -58,7 +58,7 @@ impl SurveyPointSet {
     /// points. They have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, or for points that are
+    /// Fails if there are no points, the system is unknown or in degrees, the points have no UTM zone, or points are
     /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPointSet, ReadError> {
         let nowhere = Path::new("");
@@ -99,7 +99,7 @@ impl SurveyPointSet {
     }
 
     /// The tie lines: lines of the type `Tie`, and lines in `alike`. If any line has the type `Tie`, lines of the type
-    /// `Line` are not tie lines.
+    /// `Line` are not tie lines, even if they are in `alike`.
     pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
         let of = |line: usize| self.types.get(line).copied().flatten();
         let typed = self.types.contains(&Some(LineType::Tie));

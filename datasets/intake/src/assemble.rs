@@ -4,10 +4,10 @@ use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
 use schemas::Fault;
 
-/// The identifier of rows without an identifier.
+/// The identifier that is shown for rows without an identifier.
 pub const MISSING: &str = "(missing)";
 
-/// A line with all its rows, or rows that belong to no line; `parts` is then empty.
+/// A line with all its rows, or rows that belong to no line. If the rows belong to no line, `parts` is empty.
 pub struct LineBatches {
     /// Flight.
     pub flight: String,

@@ -60,7 +60,7 @@ pub enum QualityFigure {
     Spikes,
     /// Spacing of the over-represented values of a scalar magnetometer.
     Preferred,
-    /// Longest time for which a scalar magnetometer reports its dead zone.
+    /// Longest time for which a scalar magnetometer reports that the field is in its dead zone.
     DeadZone,
     /// Half width of the cone of field directions without readings.
     PolarDeadZone,
@@ -127,7 +127,7 @@ impl QualityFigure {
         }
     }
 
-    /// The kind with the text `word`.
+    /// The figure with the name `word`.
     pub fn from_word(word: &str) -> Option<QualityFigure> {
         QualityFigure::ALL.into_iter().find(|figure| figure.as_str() == word)
     }

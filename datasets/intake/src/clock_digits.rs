@@ -102,7 +102,7 @@ mod tests {
             let numbers: Vec<f64> = (0..n).map(|i| from + step * f64::from(i)).collect();
             assert_eq!(minute_after(&numbers), None, "{from} {step}");
         }
-        // A gap in a line shorter than a minute.
+        // 40 samples at intervals of 1 s, with a gap of 100 s.
         let gap: Vec<f64> = (0..40).map(|i| 36_000.0 + f64::from(i) + if i > 20 { 100.0 } else { 0.0 }).collect();
         assert_eq!(minute_after(&gap), None);
         assert_eq!(minute_after(&[]), None);

@@ -19,7 +19,8 @@ mod tests;
 
 /// The largest plausible error of an INS.
 const INS_KM: f64 = 500.0;
-/// Impossible jump of a position from one sample to the next, and impossible speed of an aircraft.
+/// A change of position from one sample to the next is impossible if it exceeds this distance and implies a higher
+/// speed than this.
 const JUMP_KM: f64 = 100.0;
 const JUMP_MPS: f64 = 1_000.0;
 /// Below this mean speed the noise of positions gives no information on velocities.

@@ -65,7 +65,7 @@ impl Finding {
         Finding { column: column.to_owned(), check, n: n as u64, first_row: first as u64, value, unit: unit.to_owned() }
     }
 
-    /// The value of the first sample.
+    /// The value of the first affected sample.
     pub fn value(&self) -> Option<f64> {
         self.value.as_ref().and_then(|v| v.parse().ok())
     }

@@ -12,8 +12,8 @@ struct InOrderState<O, E> {
     failed: bool,
 }
 
-/// Applies `work` to each item of `next`, to up to `most` items at once on the threads of the pool. `next` is called on
-/// this thread, with at most `most` unfinished items. `done` is called after each item with the number of finished
+/// Applies `work` to each item of `next` on the threads of the pool, to at most `most` items at once. `next` is called
+/// on this thread, with at most `most` unfinished items. `done` is called after each item with the number of finished
 /// items.
 ///
 /// # Errors
@@ -129,7 +129,7 @@ mod tests {
                 let squares: Vec<usize> = (0..40).map(|i| i * i).collect();
                 let (all, reported) = run(vec![], None);
                 assert_eq!((all, reported), (Ok(squares), (1..=40).collect()), "outside of a pool");
-                // Runs on a thread of the pool, without and with errors.
+                // The same on a thread of the pool, without and with errors.
                 let reported = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
                 assert_eq!(reported, [40, 7]);
                 assert_eq!(run(vec![9], Some(12)).0, Err(9));

@@ -17,7 +17,7 @@ const COLUMNS: [&str; 4] = ["flight", "line", "t_start", "t_end"];
 /// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
-/// A line from its first to its last time, both included.
+/// A line and its times; both the first and the last time belong to the line.
 #[derive(Clone, Debug, PartialEq)]
 struct LineTimes {
     line: String,
@@ -35,7 +35,7 @@ pub enum FlightDivision {
 }
 
 impl FlightDivision {
-    /// Key of the division, for results that depend on it.
+    /// Hash of the division, part of the keys of results that depend on the division.
     pub fn key(&self) -> HashKey {
         match self {
             FlightDivision::Table(table) => table.key(),
@@ -57,12 +57,12 @@ impl FlightDivision {
 pub struct LineTable {
     /// The file, for messages.
     pub label: String,
-    /// By flight, in the order of their times.
+    /// The lines of each flight, in the order of their times.
     spans: BTreeMap<String, Vec<LineTimes>>,
 }
 
 impl LineTable {
-    /// Reads the table: any file that a table of flights may be.
+    /// Reads the table from a file in any flight format.
     ///
     /// # Errors
     /// Fails for a file that cannot be read or lacks one of the four columns, missing or decreasing times, duplicate
@@ -83,7 +83,7 @@ impl LineTable {
                 row += 1;
                 let time = |x: &arrow_array::Float64Array| if x.is_null(at) { f64::NAN } else { x.value(at) };
                 let span = LineTimes { line: line.value(at).to_owned(), start_s: time(start), end_s: time(end) };
-                // Also false for a missing time.
+                // Also false if a time is missing.
                 let ascends = span.start_s < span.end_s;
                 if flight.is_null(at) || line.is_null(at) || !ascends {
                     let what = "a line requires a flight, a name, and a `t_end` after its `t_start`";
@@ -123,7 +123,7 @@ impl LineTable {
         LineTable { label: label.to_owned(), spans: spans.collect() }
     }
 
-    /// Key of the table, for results that depend on it.
+    /// Hash of the table, part of the keys of results that depend on the table.
     pub fn key(&self) -> HashKey {
         let spelt = self.spans.iter().flat_map(|(flight, spans)| {
             spans.iter().map(move |s| format!("{flight}\0{}\0{:?}\0{:?}", s.line, s.start_s, s.end_s))
@@ -186,8 +186,8 @@ pub struct LineDivider<'a> {
 }
 
 impl LineDivider<'_> {
-    /// The rows of a batch (`flight`, `line`, `tt` in s) within a line of the table, under the name of the line, and
-    /// the faults of the rows.
+    /// The rows of a batch (`flight`, `line`, `tt` in s) that are within a line of the table, with that line's name in
+    /// `line`, and the faults of these rows.
     ///
     /// # Errors
     /// Fails for a batch without these columns, which is an error in the program.

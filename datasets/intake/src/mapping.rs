@@ -46,7 +46,7 @@ const VERSION: &str = "mapping 2";
 /// A mapping.
 #[derive(Clone, Debug)]
 pub struct Mapping {
-    /// File, or the name of a built-in mapping with `.toml`.
+    /// Path of the file, or the name of a built-in mapping followed by `.toml`.
     pub label: String,
     text: String,
     document: MappingDocument,
@@ -63,7 +63,7 @@ impl Mapping {
     /// Reads a mapping: the built-in mapping `name`, or the file that `locate` finds by that name.
     ///
     /// # Errors
-    /// Returns the errors of `locate`. Also fails for a missing mapping, or for all faults of the mapping's form.
+    /// Returns the errors of `locate`. Also fails for a missing mapping, or with all faults of the mapping's form.
     pub fn load(name: &str, locate: impl FnOnce(&str) -> Result<PathBuf, Fault>) -> Result<Mapping, Fault> {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
@@ -200,7 +200,7 @@ impl MappingTable {
         self.decl()?.head.value.format.clone()
     }
 
-    /// Whether a file of this name holds the topic.
+    /// Whether the table reads files of this name.
     pub fn is_in(&self, path: &Path) -> bool {
         let Some(pattern) = self.decl().and_then(|d| d.head.value.file.as_deref()) else { return true };
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -217,7 +217,7 @@ impl MappingTable {
         epoch::other_file(&self.decl()?.epoch.as_ref()?.value, log)
     }
 
-    /// The options for reading the rows of a file under its own names.
+    /// The options for reading the rows of a file under the file's own column names.
     fn raw_options(&self, options: &FlightOptions) -> FlightOptions {
         let head = self.decl().map(|d| d.head.value.clone()).unwrap_or_default();
         FlightOptions {
@@ -282,7 +282,7 @@ impl MappingTable {
         Ok(LogReader { parts: Box::new(rows), ..log })
     }
 
-    /// The rows of a file, and the properties of the rows that are known in advance.
+    /// The reader of a file's rows, and the properties of the rows that are known in advance.
     fn rows(
         &self,
         path: &Path,
@@ -323,10 +323,10 @@ impl MappingTable {
     }
 }
 
-/// Treatment of rows of a table that repeat the time of the previous row.
+/// Treatment of rows that repeat the time of the previous row, for a table of a mapping.
 ///
 /// # Errors
-/// Fails for a table that both drops and moves them.
+/// Fails for a table that both drops and moves such rows.
 fn repeated_rows(decl: &TableDecl) -> Result<RepeatedRows, Fault> {
     let keys = &decl.head.value;
     match (keys.drop_repeated, keys.repeated_rate_hz) {
@@ -340,7 +340,7 @@ fn repeated_rows(decl: &TableDecl) -> Result<RepeatedRows, Fault> {
     }
 }
 
-/// Every key of a mapping, as tables of the reference.
+/// The tables of the reference that list every key of a mapping.
 pub fn reference() -> String {
     let lists = schemas::ChoiceRegistry::default();
     let groups = [

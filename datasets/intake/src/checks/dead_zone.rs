@@ -30,8 +30,8 @@ pub struct DeadZone {
 /// Minimum numbers of lost samples and of separate losses. A single loss at one heading can have any cause.
 const LEAST: usize = 20;
 const OCCASIONS: usize = 3;
-/// Minimum share of lost samples inside the zone, and maximum share of lost samples outside, relative to the share
-/// inside.
+/// Minimum share of lost samples inside the zone, and maximum share of lost samples outside the zone as a fraction of
+/// the share inside.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
 /// Maximum half widths, polar and equatorial, in degrees; no commercial instrument has wider zones.

@@ -9,18 +9,17 @@ const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples used from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
-/// Minimum correlation. Magnetometers at different places share only part of the aircraft field; the part that they do
-/// not share shifts the peak.
+/// Minimum correlation. Magnetometers at different places measure different aircraft fields, which shifts the peak.
 const LEAST_CORRELATION: f64 = 0.9;
-/// Minimum height of a second peak, relative to the highest peak, that makes the lag ambiguous, for example with mains
-/// hum.
+/// The lag is ambiguous, for example with mains hum, if a second peak is at least this high relative to the highest
+/// peak.
 const NEXT_PEAK: f64 = 0.8;
 /// Maximum standard error of the lag, in samples.
 const KNOWN: f64 = 0.1;
 
 /// The lag of `signal` against `reference`, both at the times `tt`, from the cross-correlation of their differences
-/// from sample to sample. The differences remove slow changes, whose correlation has a flat peak. `turned` permits an
-/// opposite sign. `None` if the correlation is too low or the lag is ambiguous.
+/// from sample to sample. The differences remove slow changes, whose correlation has a flat peak. If `turned`, the
+/// signals may have opposite signs. `None` if the correlation is too low or the lag is ambiguous.
 pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Option<SignalLag> {
     let rate_hz = sampling::sampling(tt)?.rate_hz;
     let breaks = sampling::breaks(tt);

@@ -7,7 +7,7 @@ use super::{QualityFigure, QualityMeasure};
 /// Context for judging a figure.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FigureContext {
-    /// Number of samples of the lines of the flight.
+    /// Number of samples of all lines of the flight.
     pub samples: u64,
     /// The rate of the samples, in Hz.
     pub rate_hz: f64,
@@ -19,7 +19,7 @@ pub struct FigureContext {
 
 /// Default longest gap that `resample` closes, in seconds.
 const GAP_S: f64 = 1.0;
-/// Maximum share of all samples.
+/// Maximum share of missing samples.
 const MISSING: f64 = 0.01;
 /// Maximum jitter relative to the time step. Above this ratio, the interpolation error exceeds the noise.
 const JITTER: f64 = 0.1;

@@ -9,8 +9,8 @@ use numerics::regression::statistics::median;
 
 use super::quantisation::ValueResolution;
 
-/// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps (`breaks`, before each
-/// row).
+/// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps. `breaks` marks the
+/// rows that follow a gap.
 pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
     let one = |i: usize| {
         let (Some(w), Some(gaps)) =

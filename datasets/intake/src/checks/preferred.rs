@@ -18,8 +18,8 @@ pub struct PreferredValues {
     pub samples: usize,
 }
 
-/// Numbers of bins of the histograms, as powers of two, and minimum mean number of samples per bin. A peak must be
-/// narrower than a few bins and needs enough samples.
+/// Numbers of bins of the histograms, as exponents of two, and minimum mean number of samples per bin. Several numbers
+/// of bins are tried, because a peak must be narrower than a few bins and have enough samples.
 const BINS: Range<u32> = 7..15;
 const LEAST_A_BIN: f64 = 4.0;
 /// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side that determine this

@@ -14,7 +14,7 @@ pub fn step(values: &[f64]) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).take(MOST).collect();
     sorted.sort_by(f64::total_cmp);
     let size = sorted.iter().fold(0.0_f64, |a, x| a.max(x.abs()));
-    // Values closer than rounding in double precision are equal.
+    // Values that differ only by rounding in double precision count as equal.
     let same = 8.0 * f64::EPSILON * size;
     let steps: Vec<f64> = sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > same).collect();
     if steps.len() < LEAST {
@@ -32,7 +32,7 @@ pub fn step(values: &[f64]) -> Option<f64> {
         n < 1000.0 && (**d / step - n).abs() < TOLERANCE
     };
     let on = steps.iter().filter(on_grid).count();
-    // A step that occurs once is chance.
+    // A step that occurs only once or twice may be chance.
     (like.len() >= 3 && on as f64 >= 0.98 * steps.len() as f64).then_some(step)
 }
 
@@ -46,10 +46,10 @@ pub struct ValueResolution {
 }
 
 impl ValueResolution {
-    /// Resolution of values on a grid of `step`, or of values that are not on a grid.
+    /// Resolution of values on a grid of `step`. `step` is `None` for values that are not on a grid.
     pub fn new(values: &[f64], step: Option<f64>) -> Self {
         let size = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |a, x| a.max(x.abs()));
-        // The coefficients of the difference, regardless of sign, add up to 16.
+        // The absolute coefficients of the fourth difference add up to 16.
         Self { step: step.unwrap_or(0.0), rounding: 16.0 * f64::EPSILON * size }
     }
 

@@ -15,7 +15,7 @@ pub struct Saturation {
 
 /// Minimum length of a run of equal samples at an end of the range.
 const RUN: usize = 4;
-/// Minimum ratio of the number of samples at the end to the numbers at the neighbouring values.
+/// Minimum ratio of the number of samples at the end to the number of samples at any neighbouring value.
 const EXCESS: usize = 5;
 /// Number of neighbouring values that are compared with the end.
 const NEXT: usize = 3;

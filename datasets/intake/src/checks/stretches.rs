@@ -63,7 +63,7 @@ mod tests {
         near(stretches(QualityFigure::Spikes, &x, &tt), &[(70.0, 70.0)]);
         near(gaps(&tt), &[(99.9, 107.0)]);
         assert!(stretches(QualityFigure::Noise, &x, &tt).is_empty());
-        // Values in a range of -1 to 1, from a sensor that saturates at 1.2.
+        // A sine of amplitude 2, measured by a sensor that saturates at 1.2.
         let clipped: Vec<f64> = (0..2000).map(|i| (2.0 * (i as f64 * 0.013).sin()).min(1.2)).collect();
         let found = stretches(QualityFigure::Saturation, &clipped, &tt);
         assert!(!found.is_empty());

@@ -13,7 +13,7 @@ pub struct ConstantRun {
     pub longest_s: f64,
 }
 
-/// Minimum length of a long run in samples, and minimum ratio to the 90th percentile of the other runs.
+/// Minimum length of a long run in samples, and minimum ratio of its length to the 90th percentile of the other runs.
 const LEAST: usize = 20;
 const LONGER: usize = 10;
 

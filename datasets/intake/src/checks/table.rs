@@ -64,7 +64,8 @@ pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Faul
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::bug(e.to_string()))
 }
 
-/// The figures of a table. Figures of other versions of magline that this version does not support are skipped.
+/// The figures of a table. Figures that other versions of magline wrote are skipped if this version does not support
+/// them.
 pub fn figures(table: &RecordBatch) -> Vec<LineMeasure> {
     let [flight, line, column, check, value, unit, count, first_tt] = COLUMNS;
     let text = |name: &str| table.column_by_name(name).and_then(|c| c.as_string_opt::<i32>());

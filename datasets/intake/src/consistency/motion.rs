@@ -7,16 +7,16 @@ use super::{ConsistencyLine, Finding, INS, MOVING_MPS, MotionColumns, TRUTH, bot
 
 /// The duration of the chords over which positions and velocities are compared.
 pub const CHORD_S: f64 = 10.0;
-/// Minimum number of chords. A line with fewer chords of [`CHORD_S`] is divided into shorter chords, of at least
+/// Minimum number of chords. If a line has fewer chords of [`CHORD_S`], it is divided into shorter chords of at least
 /// [`SHORT_CHORD_S`].
 const CHORDS: usize = 3;
 const SHORT_CHORD_S: f64 = 1.0;
 /// Below this mean speed the noise of positions hides the velocity over short chords.
 const SHORT_MOVING_MPS: f64 = 15.0;
-/// A pause between samples that ends a chord.
+/// A longer pause between samples ends a chord.
 const PAUSE_S: f64 = 5.0;
-/// Fractions of the distance flown. A disagreement of positions and velocities by the first fraction is a fault if they
-/// agree within the second fraction in another unit.
+/// Fractions of the distance flown. If positions and velocities disagree by the first fraction or more, but agree
+/// within the second fraction in another unit, the line has a fault.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
 /// Ratio of the two mean speeds above which a disagreement is a fault even if no other unit explains it.
@@ -40,7 +40,7 @@ pub struct MotionChord {
     pub integrated: [f64; 2],
 }
 
-/// Chords of at least `chord_s`, from times, latitudes and longitudes; without velocities `integrated` is zero.
+/// Chords of at least `chord_s`, from times, latitudes and longitudes. Without velocities, `integrated` is zero.
 pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut integrated) = (0, [0.0; 2]);
@@ -153,7 +153,7 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
     Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
 }
 
-/// Remaining disagreement if both velocities, or one of them, were in another unit; and the remedy.
+/// Remaining disagreement if one or both velocities were in another unit, and the remedy.
 fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> Vec<(f64, String)> {
     let mut causes = vec![];
     for columns in [vec![set.vn, set.ve], vec![set.vn], vec![set.ve]] {

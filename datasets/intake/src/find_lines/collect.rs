@@ -12,7 +12,7 @@ use crate::{line_table::LineTable, log_reader::LogReader, midnight::MidnightUnwr
 const STEP_S: f64 = 0.095;
 /// Columns of positions, in order of preference.
 const POSITIONS: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["ins_lat", "ins_lon", "ins_alt"]];
-/// Column of the height if there is no other.
+/// Column of the height in a table without the usual height columns.
 const OTHER_HEIGHT: &str = "msl";
 /// Columns of attitudes, in order of preference.
 const ATTITUDES: [[&str; 3]; 2] = [["ins_roll", "ins_pitch", "ins_yaw"], ["roll", "pitch", "yaw"]];

@@ -13,10 +13,10 @@ const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 const LEAST_DEG: f64 = 20.0;
 /// Maximum duration of an interruption of a turn by a lower turn rate, in seconds.
 const LULL_S: f64 = 3.0;
-/// Minimum length of a leg, in seconds; shorter stretches belong to the adjacent turns. The minimum is the second value
-/// or, if no leg is long, the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all
-/// legs or all parts of turns. The first value is a lower bound, because the smoothing of turn rates blurs shorter
-/// legs.
+/// Bounds on the minimum length of a leg, in seconds; shorter stretches belong to the adjacent turns. The minimum
+/// length is the share `LEG_OF_SHORT` of the longest leg, within these bounds. The sides of a small square are thus
+/// either all legs or all parts of turns. The lower bound is necessary because the smoothing of turn rates blurs
+/// shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// Maximum deviation of a leg's course from its mean, in degrees. A tenth of the samples may deviate more.
@@ -27,7 +27,8 @@ const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
 /// Time in which the aircraft levels out at the ends of a leg, in seconds.
 const SETTLE_S: f64 = 3.0;
-/// Minimum root mean square of a manoeuvre, in degrees, and minimum ratio to the root mean square of quiet flight.
+/// Minimum root mean square of an angle in a manoeuvre, in degrees, and minimum ratio of this value to that of quiet
+/// flight.
 const LEAST_RMS_DEG: f64 = 0.8;
 const CONTRAST: f64 = 3.0;
 
@@ -175,7 +176,7 @@ impl FlightSegments {
     }
 }
 
-/// The flight turns if its turn rate exceeds this limit. The limit is a share of the rate below which half of the total
+/// Minimum turn rate at which the aircraft is in a turn. The limit is a share of the rate below which half of the total
 /// change of course occurs. Long straight flight and sharp corners therefore have little effect.
 fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();

@@ -17,7 +17,8 @@ const TURN_WINDOW: usize = 15;
 /// hovers.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
-/// Quantile of the speed that counts as typical. The percentile is high, because most of a log may be on the ground.
+/// Quantile of the speeds that is taken as the typical speed. The percentile is high, because most of a log may be on
+/// the ground.
 const USUAL: f64 = 0.95;
 
 /// Positions of a flight, in the order of their times.
@@ -153,7 +154,7 @@ pub fn runs(holds: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
 
 /// Multiples of the step from the first to the last of all times.
 fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
-    /// Maximum number of samples, for ten days.
+    /// Maximum number of samples: ten days.
     const MOST: f64 = 10.0 * 86_400.0 * RATE_HZ;
     let ends = all.iter().filter_map(|tt| Some((*tt.first()?, *tt.last()?)));
     let (first, last) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
@@ -176,7 +177,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
             continue;
         }
         if let Some(before) = last {
-            // The sum of steps is valid anywhere, including across the date line.
+            // A sum of small steps is correct everywhere, including across the date line.
             let to = (*lat, before.1 + wrap_deg(lon - before.1));
             let (dn, de) = EarthModel::default().offset_ne_m(before, to, 0.0);
             (n, e) = (n + dn, e + de);

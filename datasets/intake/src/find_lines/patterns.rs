@@ -88,8 +88,8 @@ const EIGHT: usize = 2;
 const CLOVER: usize = 3;
 /// Minimum turn of a circle, in degrees; a turn begins and ends slowly.
 const CIRCLE_DEG: f64 = 340.0;
-/// Minimum duration of a line: a share of the longest leg, within limits, in seconds; if no leg is long, another share
-/// of the longest leg.
+/// Minimum duration of a line: a share of the longest leg, within limits in seconds. If the second share of the longest
+/// leg is below the lower limit, it replaces this limit.
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.35;
@@ -241,7 +241,7 @@ impl SegmentedFlight<'_> {
         groups
     }
 
-    /// Loop at the end of a leg that leads back across the leg.
+    /// Loop that begins at the end of a leg and leads back across that leg.
     fn loop_after(&self, number: usize) -> Option<TurnLoop> {
         let legs = &self.parts.legs;
         let leg = legs.get(number)?;
@@ -283,7 +283,7 @@ impl SegmentedFlight<'_> {
         })
     }
 
-    /// The line of loops over one place, and its legs.
+    /// The line that consists of loops over one place, and its legs.
     fn over_one_place(&self, group: &[TurnLoop]) -> (DetectedLine, Range<usize>) {
         let (Some(first), Some(last)) = (group.first(), group.last()) else {
             return (self.line(LinePattern::Cloverleaf, 0..0, [false; 3]), 0..0);
@@ -379,15 +379,15 @@ impl SegmentedFlight<'_> {
     }
 }
 
-/// Whether loops are to alternate sides.
+/// Whether each loop is to the other side than the loop before it.
 fn to_each_side(group: &[TurnLoop]) -> bool {
     group.windows(2).all(|w| w[0].right != w[1].right)
 }
 
-/// Crossing of two straight lines, and its distance along each in lengths of the line; `None` if they are nearly
-/// parallel.
+/// Crossing of two straight lines, and its distance along each of them as a fraction of that line's length; `None` if
+/// the lines are nearly parallel.
 fn crossing(a: (NorthEast, NorthEast), b: (NorthEast, NorthEast)) -> Option<(NorthEast, f64, f64)> {
-    /// Minimum sine of the angle.
+    /// Minimum sine of the angle between the lines.
     const LEAST: f64 = 0.5;
     let (u, v) = ((a.1.0 - a.0.0, a.1.1 - a.0.1), (b.1.0 - b.0.0, b.1.1 - b.0.1));
     let across = u.0 * v.1 - u.1 * v.0;

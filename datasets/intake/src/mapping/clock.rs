@@ -50,7 +50,7 @@ impl UtcInstant {
     pub fn new(day: i64, s: f64) -> UtcInstant {
         let days = (s / DAY_S).floor();
         let within = s - days * DAY_S;
-        // The difference may round up to a whole day.
+        // Rounding may make `within` a whole day.
         if within >= DAY_S {
             UtcInstant { day: day + days as i64 + 1, s: 0.0 }
         } else {
@@ -113,7 +113,7 @@ pub fn read_instant(text: &str) -> Option<UtcInstant> {
     read_date(text).map(|day| UtcInstant { day, s: 0.0 }).or_else(|| iso(text))
 }
 
-/// Seconds east of Greenwich of an offset such as `+10:00`, `-03:30`, `+02` or `Z`.
+/// An offset such as `+10:00`, `-03:30`, `+02` or `Z` in seconds, positive east of Greenwich.
 pub fn read_zone(text: &str) -> Option<f64> {
     let text = text.trim();
     if ["Z", "z", "UTC", "utc"].contains(&text) {
@@ -190,12 +190,12 @@ impl TimeTextFormat {
         }
     }
 
-    /// Whether its text holds a date.
+    /// Whether texts of this form hold a date.
     pub fn is_dated(&self) -> bool {
         !matches!(self, TimeTextFormat::OfDay(_))
     }
 
-    /// Whether its text always holds an offset from UTC; in ISO 8601 the offset is optional.
+    /// Whether texts of this form always hold an offset from UTC; in ISO 8601 the offset is optional.
     pub fn is_zoned(&self) -> bool {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
@@ -223,8 +223,8 @@ impl TimeTextFormat {
     }
 }
 
-/// Digits before the decimal point of a number in a format: 6 for `%H%M%S%.f`. `None` if the format contains anything
-/// but digits, optionally followed by a fraction.
+/// Number of digits before the decimal point if a number has this format: 6 for `%H%M%S%.f`. `None` if the format
+/// contains anything but digits, optionally followed by a fraction.
 pub fn digits_of(format: &str) -> Option<usize> {
     use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
     let (mut digits, mut fraction) = (0, false);

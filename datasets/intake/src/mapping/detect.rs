@@ -99,7 +99,7 @@ impl LogTopics<'_> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let given = bind::GivenKeys { flight: Some("1"), line: Some("1"), stem: &stem };
         let bound = bind::MappingBinding::new(decl, &mut columns, given, None);
-        // A table without a topic could fit by a common name such as `time`.
+        // Without a topic, a table with few columns could fit any log with a common name such as `time`.
         let named = topic.is_some() || decl.columns.len() + 3 * decl.vectors.len() >= RECOGNISABLE;
         bound.is_some() && columns.faults.is_empty() && named
     }

@@ -12,7 +12,7 @@ use super::declare::{
 /// Byte range in the text of a mapping.
 pub type MappingSpan = Range<usize>;
 
-/// Parsed value, with the keys and the position in the text.
+/// Value parsed from a table, with the keys as given and the position in the text.
 #[derive(Clone, Debug)]
 pub struct SpannedValue<T> {
     /// Value.

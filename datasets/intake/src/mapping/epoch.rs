@@ -25,8 +25,8 @@ pub struct LogEpoch {
     pub note: String,
 }
 
-/// Maximum change of the difference between two clocks from one row to another, in seconds. A larger change means that
-/// a clock was adjusted.
+/// Maximum range of the difference between two clocks over all rows, in seconds. A larger change means that a clock was
+/// adjusted.
 const SET_S: f64 = 5.0;
 
 /// Path of the file next to `log` that holds both clocks, if the epoch names a file.
@@ -138,7 +138,7 @@ fn time_text(s: f64) -> String {
     format!("{h:02}:{m:02}:{:06.3}", (ms % 60_000) as f64 / 1e3)
 }
 
-/// The rows of an epoch as a table: their times and condition, and one unused column.
+/// The rows of an epoch as a table: their times, their condition, and one unused column.
 fn as_table(decl: &TableDecl, epoch: &SpannedValue<LogEpochKeys>) -> TableDecl {
     let head = MappingTableKeys { rows: epoch.value.rows.clone(), ..MappingTableKeys::default() };
     let nothing =

@@ -282,7 +282,8 @@ pub(super) fn one_quaternion(
     }
 }
 
-/// Adds the fields of angles in degrees under the names in the key `to` of a table. Returns whether all can be mapped.
+/// Adds fields of angles in degrees, with the names in the key `to` of a table. Returns false if one of the names is a
+/// key of the flight table.
 pub(super) fn angle_fields<T>(
     to: &[String],
     table: &SpannedValue<T>,

@@ -21,7 +21,7 @@ pub(super) fn fitting(source: &Schema) -> Option<&'static str> {
     READY.iter().find(|ready| has(ready.text)).map(|ready| ready.name)
 }
 
-/// The columns of the file that a table of a mapping names, without time columns.
+/// The names of a file's columns in a table of a mapping, without time columns.
 fn columns_of(table: &Value) -> Vec<&str> {
     let groups = ["columns", "vectors"].into_iter().filter_map(|group| table.get(group)?.as_table());
     let sources = groups.flat_map(Table::values).filter_map(|made| made.get("from"));

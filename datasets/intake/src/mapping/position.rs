@@ -47,7 +47,7 @@ impl ProjectedPosition {
     }
 }
 
-/// The fault of reading a coordinate system or a unit, which are in the mapping and not in the file.
+/// A fault of a coordinate system or a unit, without the file, because both are in the mapping.
 fn without_file(error: ReadError) -> Fault {
     let fault = Fault::from(error);
     Fault { help: fault.help, ..Fault::new(fault.what) }

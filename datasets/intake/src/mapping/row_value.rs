@@ -19,7 +19,7 @@ pub struct RowExpression {
 }
 
 impl RowExpression {
-    /// Reads `sql` against the columns of a file.
+    /// Parses `sql` and checks it against the columns of a file.
     ///
     /// # Errors
     /// Returns the errors of [`Expression::new`].

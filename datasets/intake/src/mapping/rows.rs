@@ -24,7 +24,7 @@ pub enum RepeatedRows {
     Keep,
     /// They are dropped.
     Drop,
-    /// They follow the first row of that time at this rate, in Hz.
+    /// The rows follow the first row of that time at this rate, in Hz.
     AtRate(f64),
 }
 
@@ -141,8 +141,8 @@ impl MappingReader {
         placed
     }
 
-    /// Seconds past the midnight of the first sample of each line, the date of each sample, and the rows that are
-    /// dropped because they repeat the time of the previous row.
+    /// The time of each sample in seconds past the midnight before the first sample of its line, the date of each
+    /// sample, and the rows that are dropped because they repeat the time of the previous row.
     fn times(
         &mut self,
         times: &RowTimes,
