@@ -12,8 +12,8 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Maximum distance from midnight at which a backward step to the next day may begin and end, in seconds. Any other
-/// backward step of a time stamp is an error of the log.
+/// A backward step of the time leads to the next day only if it begins and ends within this distance of midnight, in
+/// seconds. Any other backward step of a time stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
 /// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the
@@ -138,7 +138,7 @@ fn numbers(batch: &RecordBatch, name: &str) -> Option<Vec<f64>> {
     column.as_primitive_opt::<Float64Type>().map(|x| x.iter().map(|x| x.unwrap_or(f64::NAN)).collect())
 }
 
-/// The numbers in the type of the column `name`.
+/// The numbers as an array of the type of the column `name`.
 fn like(batch: &RecordBatch, name: &str, numbers: Vec<f64>) -> ArrayRef {
     let whole = batch.column_by_name(name).is_some_and(|c| c.as_primitive_opt::<Int64Type>().is_some());
     if whole {

@@ -24,10 +24,10 @@ use schemas::{
 use super::consistency;
 pub use super::finding::{FileColumns, Finding, FindingKind};
 
-/// Maximum share of impossible samples of a sensor that count as spikes.
+/// Impossible values of a sensor count as spikes if their share of the samples is at most this.
 const SPIKES: f64 = 0.1;
 
-/// Minimum length of a line for a report of a constant column.
+/// Minimum number of rows of a line in which a constant column is reported.
 const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
@@ -80,7 +80,7 @@ struct QualityLine<'a> {
     origins: &'a FileColumns,
 }
 
-/// Number of samples of a kind, and the row of the first sample.
+/// Number of samples of a kind, and the row of the first of them.
 #[derive(Clone, Copy, Default)]
 struct RowTally {
     n: usize,
@@ -311,7 +311,7 @@ fn described(name: &str, likely: &ProbableCause, origins: &FileColumns) -> Strin
     }
 }
 
-/// The possible meaning of a value that no unit explains.
+/// The possible meaning of an impossible value that no other unit explains.
 fn guessed(kind: PhysicalQuantity, value: f64) -> Option<String> {
     let digits = value.abs().to_string();
     if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {

@@ -17,8 +17,8 @@ use super::log_reader::LogReader;
 /// name has the role of this name, except that truth remains truth.
 ///
 /// # Errors
-/// Fails for an unknown column, for flight, line and tt, for a standard name whose unit does not fit, or for two
-/// columns of one name.
+/// Fails for an unknown column, for the columns flight, line and tt, for a standard name whose unit does not fit, or
+/// for two columns with the same name.
 pub fn renamed(mut log: LogReader, path: &Path, rename: &BTreeMap<String, String>) -> Result<LogReader, ReadError> {
     if rename.is_empty() {
         return Ok(log);

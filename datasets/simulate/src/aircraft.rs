@@ -49,7 +49,8 @@ fn part_names<'a>(column: &'a str, own: &'a [&'static str]) -> impl Iterator<Ite
     FIELD_PARTS.iter().chain(own).map(move |part| format!("part_{part}_{column}"))
 }
 
-/// The earth's field along a line in nT: core, anomaly, variation; north, east, down, or in the body frame.
+/// The core field, the anomaly and the variation along a line, in nT. The components are north, east and down, or those
+/// in the body frame.
 type EarthFieldParts = [Vec<Vector3<f64>>; 3];
 
 /// Environment of the sensors along a line.

@@ -53,13 +53,13 @@ struct SuggestedTable<'a> {
 pub struct MappingSuggestion {
     /// Text.
     pub text: String,
-    /// Columns that it does not use, with the reason if it is known.
+    /// Columns that the mapping does not use, with the reason if it is known.
     pub unused: Vec<String>,
-    /// Questions about parts with two readings.
+    /// Questions about parts whose meaning is ambiguous.
     pub questions: Vec<String>,
 }
 
-/// Maximum number of reasons in the fault of a log without recognised columns.
+/// Maximum number of reasons in the fault for a log without recognised columns.
 const SHOWN: usize = 8;
 
 /// A mapping of several logs: the mapping of the first log, with a comment on logs that have other columns.
@@ -201,7 +201,7 @@ fn shown(name: &str) -> String {
     if name.is_empty() { "the table".to_owned() } else { format!("`{}`", one_line(name)) }
 }
 
-/// The flight and the line: columns of these names, if all tables have them.
+/// The keys `flight` and `line` of the mapping, from columns of these names, if all tables have them.
 fn keys(tables: &[SuggestedTable]) -> String {
     let mut text = String::new();
     for (key, usual) in [
@@ -218,7 +218,7 @@ fn keys(tables: &[SuggestedTable]) -> String {
     text
 }
 
-/// The column of a key: its own name in upper or lower case, or a common name.
+/// The column for the key `key`: a column of this name in upper or lower case, or of a common name.
 fn key_column<'a>(topic: &'a TopicSample, key: &str) -> Option<&'a str> {
     const COMMON: [(&str, [&str; 9]); 2] = [
         ("line", ["lineno", "linenumber", "lineid", "linename", "profile", "profil", "leg", "transect", "linie"]),
@@ -233,7 +233,7 @@ fn key_column<'a>(topic: &'a TopicSample, key: &str) -> Option<&'a str> {
 }
 
 impl SuggestedTable<'_> {
-    /// Text of the table in the mapping. Columns that it does not use are added to `unused`.
+    /// Text of the table in the mapping. Columns that the table does not use are added to `unused`.
     fn text(&self, name: &str, unused: &mut Vec<String>) -> String {
         let Self { topic, clock, found, positions } = self;
         let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);

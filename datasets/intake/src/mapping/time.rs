@@ -29,7 +29,7 @@ pub struct TimeParseError {
     pub text: String,
 }
 
-/// Column of a counter of seconds or of parts of a second.
+/// Column that counts time in seconds or another unit.
 #[derive(Clone, Debug)]
 struct CounterColumn {
     at: usize,
@@ -48,11 +48,11 @@ enum ClockSource {
     Text { columns: Vec<TimeTextColumn>, form: TimeTextFormat },
 }
 
-/// Column with part of the text of a time.
+/// Column that holds a time as text, or a part of it.
 #[derive(Clone, Debug)]
 struct TimeTextColumn {
     at: usize,
-    /// Digits before the decimal point, for a column of numbers.
+    /// Number of digits before the decimal point, for a column of numbers.
     digits: Option<usize>,
 }
 
@@ -127,7 +127,7 @@ impl TableClock {
         Some(TableClock { source, zone_s, day, last_s: f64::NAN })
     }
 
-    /// Whether its times have dates.
+    /// Whether the times have dates.
     pub fn is_dated(&self) -> bool {
         match &self.source {
             ClockSource::Boot { epoch, .. } => epoch.is_some(),
@@ -217,7 +217,8 @@ impl TableClock {
 
     /// Times of a day; the date advances at midnight.
     fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
-        /// Maximum distance from midnight at which a backward step to the next day may begin and end, in seconds.
+        /// A backward step of the time leads to the next day only if it begins and ends within this distance of
+        /// midnight, in seconds.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
@@ -241,7 +242,7 @@ impl TableClock {
     }
 }
 
-/// The instant of a string with a date.
+/// The instant of a time in text.
 fn at(time: TimeText, zone_s: f64) -> UtcInstant {
     match time {
         TimeText::At { instant, zoned: true } => instant,
@@ -314,7 +315,7 @@ fn in_digits(numbers: &[f64], row: usize) -> Fault {
     Fault::data(format!("{}, for example to {at}", clock_digits::WHAT)).help(help)
 }
 
-/// The column of a counting clock.
+/// The column of a clock that counts.
 fn ticks(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<CounterColumn> {
     let name = stamp.value.from.first()?;
     of_column(name, stamp.value.unit.as_deref(), (stamp.at("from"), stamp.at("unit")), columns)
@@ -362,7 +363,7 @@ fn of_column(
     Some(CounterColumn { at, ns, rate })
 }
 
-/// The seconds of a column of a log's own clock.
+/// A column with the log's own clock, read in seconds.
 pub struct BootColumn(CounterColumn);
 
 impl BootColumn {
@@ -436,7 +437,7 @@ fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Opt
 fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
     let names = &stamp.value.from;
     let format = stamp.value.format.as_deref();
-    // The format of several columns has a space between the parts of the columns.
+    // In a format for several columns, a space separates the parts of the columns.
     let parts: Vec<&str> = format.unwrap_or_default().split(' ').collect();
     let mut found = vec![];
     for (i, name) in names.iter().enumerate() {

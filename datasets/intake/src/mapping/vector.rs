@@ -53,7 +53,8 @@ impl SensorMounting {
         a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
     }
 
-    /// Body components of a sensor vector. A NaN affects only the components that depend on its axis.
+    /// Body components of a sensor vector. A NaN on one sensor axis affects only the body components that depend on
+    /// this axis.
     pub fn apply(&self, v: [f64; 3]) -> [f64; 3] {
         self.0.map(|row| {
             let parts = row.iter().zip(v).filter(|(m, _)| **m != 0.0);

@@ -26,7 +26,7 @@ const DRONE: [(&str, &str, [f64; 2]); 4] = [
     ("flux_b", "flux_b", [180.28, 8.51]),
 ];
 
-/// Seeds of the ensembles. They change landings, switching times and drifts, but not the aircraft.
+/// Seeds of the ensembles. The seed changes landings, switching times and drifts, but not the aircraft.
 const SEEDS: std::ops::RangeInclusive<u32> = 1..=12;
 
 fn main() -> Result<(), Failed> {

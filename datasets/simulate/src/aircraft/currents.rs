@@ -8,7 +8,7 @@ use super::{
     spec::{Current, CurrentControl, EngineThrottle, Temperature, Thermostat},
 };
 
-/// The period of a thermostat, in seconds.
+/// The period with which a thermostat is evaluated, in seconds.
 const LOOK_S: f64 = 1.0;
 
 impl Current {
@@ -21,7 +21,7 @@ impl Current {
     ) -> Vec<f64> {
         let (off_a, on_a) = self.off_on_a;
         let levels = self.levels(motion, temperature, random);
-        // Constant currents have exactly their specified value.
+        // Constant currents have exactly the specified value.
         levels
             .iter()
             .map(|level| match *level {
@@ -133,8 +133,8 @@ fn throttle(engine: &EngineThrottle, motion: &AircraftMotion, random: &mut Rando
     (0..motion.since_s.len()).map(level).collect()
 }
 
-/// Whether the heater is on. The thermostat of the heater starts at the temperature on board at the start of the
-/// flight, and is evaluated every second.
+/// Whether the heater is on. At the start of the flight, the heater has the temperature on board. The thermostat is
+/// evaluated every second.
 fn heater(thermostat: &Thermostat, surroundings: &Temperature, since_s: &[f64]) -> Vec<f64> {
     let (mut warm_degc, mut on, mut looked) = (surroundings.at(0.0), false, 0_u64);
     let kept = (-LOOK_S / thermostat.tau_s).exp();

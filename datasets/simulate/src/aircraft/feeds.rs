@@ -45,8 +45,9 @@ impl EffectiveCurrents {
     }
 }
 
-/// Effective current of a current and the iron near its wires. After the full current is switched off, the iron retains
-/// the fraction `remanence` of the current's field. The full current has flowed before the line begins.
+/// Effective current of a current, including the effect of iron near the wires. After the full current is switched off,
+/// the iron retains the fraction `remanence` of the current's field. The full current has flowed before the line
+/// begins.
 fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     let full_a = current.off_on_a.0.abs().max(current.off_on_a.1.abs());
     if remanence == 0.0 || full_a == 0.0 {

@@ -71,7 +71,8 @@ impl AircraftField {
         let m = Matrix3::from_fn(|_, _| random.normal());
         let induced = match source.induced {
             QuantitySpec::Exact(tensor) => tensor,
-            // The tensor is symmetric, as for isotropic iron. The standard deviation of each element is unchanged.
+            // The tensor is symmetric, as for isotropic iron. The standard deviation of each element is the same as
+            // without symmetry.
             QuantitySpec::Size(nt) if source.induced_symmetric => {
                 Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]) * (nt / SCALE_NT)
             }

@@ -88,7 +88,7 @@ mod tests {
         let ramp: Vec<f64> = (0..100).map(|i| 2.0 * f64::from(i) / RATE_HZ).collect();
         for (i, y) in first_order(&ramp, RATE_HZ, tau_s).iter().enumerate() {
             let t = i as f64 / RATE_HZ;
-            // 2 (t - tau (1 - exp(-t / tau))).
+            // The response is 2 (t - tau (1 - exp(-t / tau))).
             assert!((y - 2.0 * (t - tau_s * (1.0 - (-t / tau_s).exp()))).abs() < 1e-12, "{i}");
         }
         // A step between two samples, then a decay with the declared time constant.

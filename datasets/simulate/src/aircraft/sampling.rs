@@ -30,8 +30,8 @@ impl SensorClock {
         self.spread(|row| interpolate(x, row - self.lag_rows))
     }
 
-    /// The table's values of the readings that `sample` returns, called in order with the (fractional)
-    /// rows of the readings.
+    /// The values in the table. `sample` returns the reading at a row, which may be fractional; it is called for the
+    /// readings in order.
     pub(super) fn spread(&self, mut sample: impl FnMut(f64) -> f64) -> Vec<f64> {
         let Some(step) = self.rows_per_reading else { return (0..self.rows).map(|i| sample(i as f64)).collect() };
         let readings = (self.rows as f64 / step).ceil() as usize + 2;

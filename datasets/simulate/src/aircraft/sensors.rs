@@ -44,7 +44,7 @@ pub(super) struct MagnetometerColumn {
 }
 
 impl MagnetometerColumn {
-    /// Adds the errors of the sensor.
+    /// Adds a component to the values.
     fn add(&mut self, wanted: bool, part_nt: Vec<f64>) {
         self.values_nt.iter_mut().zip(&part_nt).for_each(|(x, p)| *x += p);
         if wanted {
@@ -52,7 +52,7 @@ impl MagnetometerColumn {
         }
     }
 
-    /// Replaces the values; the difference is a component.
+    /// Replaces the values; the change is recorded as a component.
     fn replace(&mut self, wanted: bool, values_nt: Vec<f64>) {
         if wanted {
             self.parts_nt.push(values_nt.iter().zip(&self.values_nt).map(|(new, old)| new - old).collect());
@@ -304,7 +304,7 @@ struct VectorMagnetometerErrors {
 
 impl VectorMagnetometerErrors {
     /// Draws the errors, which are the same on all flights. The rows of the matrix are the axes: x is unchanged, y is
-    /// rotated in the xy plane, z is rotated by two angles. All are then turned and scaled.
+    /// rotated in the xy plane, z is rotated by two angles. All rows are then rotated and scaled.
     fn draw(seed: u64, sensor: &VectorMagnetometer) -> VectorMagnetometerErrors {
         let mut random = RandomStream::new(seed, &["calibration", &sensor.name]);
         let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());

@@ -23,7 +23,7 @@ pub struct ClockGuess {
     pub repeats: RepeatedTimes,
     /// Times of the rows, in seconds.
     times_s: Vec<f64>,
-    /// Question about the time, if it has two readings.
+    /// Question about the time, if its meaning is ambiguous.
     pub question: Option<String>,
 }
 
@@ -34,7 +34,7 @@ impl ClockGuess {
     }
 }
 
-/// Minimum number of time steps of a time column that is recognised without a common name.
+/// Minimum number of time steps in a column that is recognised as the time without a common name.
 const LEAST_STEPS: usize = 50;
 
 /// Names of time columns, the most likely first.
@@ -348,7 +348,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
     Some(lines.join("\n") + "\n")
 }
 
-/// Log's own clock in a topic that also has the time of the week.
+/// The column of the log's own clock, with its unit, in a topic that also has the time of the week.
 fn boot_column(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));

@@ -22,7 +22,7 @@ pub struct ColumnGuess {
 }
 
 impl ColumnGuess {
-    /// Whether it is part of the mapping.
+    /// Whether the column is part of the mapping.
     pub fn is_used(&self) -> bool {
         !self.toml.is_empty()
     }
@@ -310,7 +310,7 @@ fn vector(
     None
 }
 
-/// The attitude angle of a column, if it is one.
+/// The attitude angle that a column holds; `None` for other columns.
 fn attitude(column: &ColumnSample) -> Option<&'static str> {
     const NAMES: [(&str, &[&str]); 3] = [("roll", &["roll", "bank"]), ("pitch", &["pitch"]), ("yaw", &["yaw"])];
     let words = column.words();
@@ -322,7 +322,7 @@ fn attitude(column: &ColumnSample) -> Option<&'static str> {
     NAMES.iter().find(|(_, names)| is(names)).map(|(angle, _)| *angle)
 }
 
-/// Largest absolute value of the attitude angles of a table without a declared unit.
+/// Largest absolute value of the attitude angles in a table that have no declared unit.
 fn largest_angle(topic: &TopicSample) -> f64 {
     let of = topic.columns.iter().filter(|c| attitude(c).is_some() && declared_unit(c, "deg").is_none());
     of.map(ColumnSample::largest).fold(0.0, f64::max)
@@ -357,7 +357,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
             is_vector: false,
         });
     }
-    // The column already has a name of the flight table, and a unit of its dimension.
+    // The column already has a name of the flight table, and a unit that converts to the unit of this name.
     let listed = flight::COLUMNS.iter().any(|(name, _)| *name == own);
     if (listed || flight::is_scalar_reading(own) || flight::vector_part(own).is_some())
         && let Some(unit) = declared_unit(column, known.unit).filter(|unit| can_be(column, own, unit))
@@ -472,7 +472,7 @@ pub(super) fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<Colum
     None
 }
 
-/// The word of a name that distinguishes a current or voltage.
+/// The word in a name that identifies the current or voltage; `battery` if there is no such word.
 fn own_word(words: &[String]) -> String {
     const COMMON: [&str; 10] = ["curr", "current", "volt", "voltage", "a", "v", "filtered", "sensor", "uc", "raw"];
     words.iter().find(|w| !COMMON.contains(&w.as_str())).cloned().unwrap_or_else(|| "battery".to_owned())

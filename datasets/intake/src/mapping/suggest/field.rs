@@ -54,7 +54,7 @@ const OTHER_VECTORS: [&str; 20] = [
     "angular",
     "w",
 ];
-/// Words in the names of columns whose values are close to a total field, but are not the reading of the magnetometer.
+/// Words in the names of columns whose values are close to a total field without being the reading of a magnetometer.
 const DERIVED: [&str; 18] = [
     "x",
     "y",

@@ -63,7 +63,7 @@ impl ProjectedColumns {
         }
     }
 
-    /// Whether a column of the file is one of the two.
+    /// Whether a column of the file is the easting or the northing.
     pub fn reads(&self, name: &str) -> bool {
         self.easting == name || self.northing == name
     }
@@ -95,7 +95,7 @@ pub enum KnownSystem<'a> {
     Unknown,
     /// The system that the user gave.
     Given(Crs),
-    /// The map of the same area.
+    /// A map of the same area, from which the system is inferred.
     OfMap(&'a AnomalyGrid),
 }
 
@@ -152,7 +152,7 @@ fn median_m(column: &ColumnSample) -> Option<f64> {
     Some(column.median()? * factor)
 }
 
-/// Whether a position has a third component, with which it is earth-centred.
+/// Whether a position is earth-centred: with a third component, its magnitude is about the radius of the earth.
 fn is_earth_centred(topic: &TopicSample, x_m: f64, y_m: f64) -> bool {
     let third = topic.columns.iter().filter(|c| is_letter(c, ["z", "z"])).filter_map(median_m);
     third.map(|z_m| x_m.hypot(y_m).hypot(z_m)).any(|size_m| EARTH_CENTRED_M.contains(&size_m))

@@ -9,17 +9,17 @@ use super::sample::ColumnSample;
 pub enum RepeatedTimes {
     /// None.
     None,
-    /// Some rows, which are copies or too irregular to have a rate.
+    /// Some rows are copies, or are too irregular to have a rate.
     Some,
     /// Samples at this rate, in Hz, with times of a coarse resolution.
     AtRate(f64),
 }
 
-/// The rows have a rate only if the largest number of rows per time is at most this multiple of the median number.
+/// The rows have a rate only if the largest number of rows per time is at most this many times the median number.
 const EVEN: f64 = 1.25;
 
 impl RepeatedTimes {
-    /// The repeated times of a clock, in seconds, in the rows of the columns.
+    /// Classifies the rows that repeat a time, from the times of all rows, in seconds, and the columns with these rows.
     pub fn new(times_s: &[f64], columns: &[ColumnSample]) -> RepeatedTimes {
         let repeated: Vec<usize> = (1..times_s.len()).filter(|row| times_s[*row] == times_s[*row - 1]).collect();
         if repeated.is_empty() {

@@ -1,5 +1,5 @@
-//! Recognises times that are logged as text. A date such as 03/06/2025 has two readings. If the rows make one of them
-//! impossible, the other is used. Otherwise the day is assumed to come first, with a question.
+//! Recognises times that are logged as text. A date such as 03/06/2025 can be read in two ways. If the rows make one of
+//! them impossible, the other is used. Otherwise the day is assumed to come first, and a question is added.
 
 use schemas::one_line;
 
@@ -24,7 +24,7 @@ pub(super) struct TextClock {
     pub(super) dated: bool,
     /// Times, in seconds.
     pub(super) times_s: Vec<f64>,
-    /// Question about a date with two readings.
+    /// Question about a date that can be read in two ways.
     pub(super) question: Option<String>,
 }
 
