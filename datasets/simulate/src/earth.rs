@@ -38,7 +38,7 @@ impl EarthFieldModel {
     /// Reads and prepares the components that are switched on.
     ///
     /// # Errors
-    /// Fails for a map that cannot be read or is not level, a record that cannot be read, a date that the core model
+    /// Fails for a map that cannot be read or is not level, a record that cannot be read, or a date that the core model
     /// does not cover.
     pub(super) fn new(spec_path: &std::path::Path, spec: &SynthSpec) -> Result<EarthFieldModel, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::options(spec_path, e.to_string());
@@ -82,7 +82,7 @@ pub(super) struct LineEarthField {
     pub(super) body_rate_ntps: Vec<Vector3<f64>>,
 }
 
-/// Half of the time step for differences of the field along the track, in seconds.
+/// Half of the interval over which the field is differenced along the track, in seconds.
 const STEP_S: f64 = 1e-3;
 
 /// The earth's field along a line: the exact sum of its three vectors, and its rate.
@@ -94,8 +94,8 @@ const STEP_S: f64 = 1e-3;
 /// 60 m/s. The core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
-/// Fails for a line that leaves the known part of the map, descends below the map or crosses a source; a time without a
-/// value of the observatory; a date that the core model does not cover.
+/// Fails for a line that leaves the known part of the map, descends below the map or crosses a source, for a time
+/// without a value of the observatory, or for a date that the core model does not cover.
 pub(super) fn along(
     scene: &SynthLineContext,
     truth: &TrueTrajectory,

@@ -166,7 +166,7 @@ impl InsCarryover {
         InsCarryover { streams, extras, error, place: PauseEndpoint::default() }
     }
 
-    /// The state after the pause before a line.
+    /// The state at the end of the pause before a line.
     fn wait(mut self, ins: &SynthIns, next: &TrueTrajectory) -> Result<InsCarryover, InsErrorFault> {
         let next = PauseEndpoint::first(next).unwrap_or_default();
         if let Some(pause) = between(&self.place, &next) {
@@ -236,7 +236,7 @@ fn columns(truth: &TrueTrajectory, errors: &[StateVector], extras: &Mechanisatio
         let c = truth.attitude(i);
         let c_ins = tilted(&c, &-Vector3::new(e[TILT_N], e[TILT_N + 1], e[TILT_N + 2]));
         let f = c.transpose() * Vector3::from_fn(|k, _| truth.force_mps2[k][i]);
-        // The accelerometers' error is truth minus measurement, too.
+        // The error of the accelerometers is also truth minus measurement.
         let f_ins = c_ins * Vector3::from_fn(|k, _| f[k] * (1.0 - extras.acc_scale[k]) - e[ACC + k]);
         let (roll, pitch, yaw) = euler_rad(&c_ins);
         let (lat_deg, lon_deg) =

@@ -112,7 +112,7 @@ impl Simulation {
         Arc::new(Schema::new(fields.collect::<Vec<_>>()))
     }
 
-    /// The lines of all flights, simulated on demand, a number of them in parallel.
+    /// The lines of all flights, simulated on demand, `at_once` of them in parallel.
     pub(crate) fn into_lines(self, at_once: usize) -> LineSimulator {
         let flights = 0..self.spec.flights.len();
         LineSimulator::new(Arc::new(SimulationContext::new(self)), flights, at_once)
@@ -175,8 +175,8 @@ pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }
 
-/// [`synthesise`], which calls `progress` after each line with the number of lines done and their total. `progress` is
-/// called from several threads, concurrently and not always in order.
+/// Same as [`synthesise`], but calls `progress` after each line with the number of finished lines and the total.
+/// `progress` is called from several threads, concurrently and not always in order.
 ///
 /// # Errors
 /// Fails in the cases of [`synthesise`].
@@ -197,7 +197,7 @@ pub fn synthesise_with(
     let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
     let (world, done, failed) =
         (Arc::new(SimulationContext::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
-    // Computed once, before the flights use it in parallel.
+    // The field is computed once, before the flights use it in parallel.
     world.field()?;
     // Processes that write into the same folder use separate partial files.
     let own = std::process::id();
@@ -256,7 +256,7 @@ fn write(
 fn properties(schema: &Schema) -> WriterProperties {
     let builder = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        // Row groups end where lines do.
+        // Row groups end only at ends of lines.
         .set_max_row_group_row_count(None);
     let numbers = schema.fields().iter().filter(|f| f.data_type() == &DataType::Float64);
     numbers.fold(builder, |b, f| b.set_column_dictionary_enabled(f.name().as_str().into(), false)).build()

@@ -17,7 +17,7 @@ type InsLineOutputs = Vec<Result<[Vec<f64>; 13], ReadError>>;
 /// Iterator over the simulated lines, several of which are computed in parallel.
 pub(crate) struct LineSimulator {
     world: Arc<SimulationContext>,
-    /// Flight and line of the lines that are not started.
+    /// Indices of the flight and the line, for lines that are not started.
     left: VecDeque<(usize, usize)>,
     /// The number of lines that are simulated in parallel.
     at_once: usize,
@@ -91,7 +91,7 @@ fn navigate(
     for (scene, truth) in lines {
         ins_lines.push(run.line(scene, truth));
         if ins_lines.last().is_some_and(Result::is_err) {
-            // Later flights are not needed, because the lines end at the first line that fails.
+            // Later lines are not needed, because the lines end at the first line that fails.
             break;
         }
     }

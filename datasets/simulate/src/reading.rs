@@ -1,4 +1,4 @@
-//! Reading of the tables of a synth spec: sections with their places, presets, components that are off.
+//! Reading of the tables of a synth spec: sections with their positions, presets, and components that are off.
 
 pub use components::{COMPONENTS, ComponentSwitches};
 pub use preset::PRESETS;

@@ -38,7 +38,7 @@ mod tests;
 
 /// Seconds between nodes.
 const NODE_S: f64 = 0.05;
-/// Number of additional nodes of the position, relative to the attitude, at each end.
+/// Number of nodes that a curve of the position has at each end in addition to those of the attitude.
 const LEAD: usize = 2;
 
 /// A true trajectory, one value per sample in each column.
@@ -106,7 +106,7 @@ impl SynthLine {
         self.fly_through(None, rate_hz, gusts_deg, random)
     }
 
-    /// Flies the line through the turbulence of the spec, if that is `on`.
+    /// Flies the line through the turbulence of the spec, or through smooth air if not `on`.
     pub(super) fn fly_on(
         &self,
         on: bool,
@@ -311,7 +311,8 @@ fn coordinated(
     for _ in 0..8 {
         let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();
-        // The vertical part of the velocity before pitching; the velocity lies in the body's plane of symmetry.
+        // Before pitching, the direction of the velocity has this vertical component. The velocity lies in the body's
+        // plane of symmetry.
         let lifted = sin_attack * cos_roll;
         pitch = (sin_climb / cos_attack.hypot(lifted)).asin() + lifted.atan2(cos_attack);
         let (sin_pitch, cos_pitch) = pitch.sin_cos();

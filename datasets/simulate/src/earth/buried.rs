@@ -37,7 +37,8 @@ pub(super) struct LocalFrameSource {
 }
 
 impl LocalFrameSource {
-    /// Positions a source; without a given direction, the source is magnetised along the core field.
+    /// Computes the local frame and the magnetisation of a source. Without a given direction, the source is magnetised
+    /// along the core field.
     pub(super) fn new(buried: &BuriedSource, core: &CoreField) -> LocalFrameSource {
         let BuriedSource { lat_deg, lon_deg, alt_m, .. } = *buried;
         let along = match buried.inclination_declination_deg {

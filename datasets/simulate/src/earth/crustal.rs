@@ -36,8 +36,8 @@ use numerics::{
 
 /// The number of corrections of the map for the core field at each node.
 const CORRECTIONS: usize = 6;
-/// Maximum distance below the map at which the field is extrapolated with its slope, as a fraction of the map's
-/// spacing.
+/// Maximum distance below the map, as a fraction of the map's spacing. Down to this distance, the field is extrapolated
+/// with its slope.
 const BELOW: f64 = 0.1;
 
 /// East, north and up components in nT, and the residual along the core field in nT.
@@ -58,7 +58,7 @@ impl CrustalMapAxis {
         CrustalMapAxis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
     }
 
-    /// The cell and the fraction within it; a position past an end, due to rounding, is moved to the end.
+    /// The cell and the fraction within it. A position that is past an end because of rounding is moved to the end.
     fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
         let steps = (deg - self.first_deg) / self.step_deg;
@@ -90,14 +90,14 @@ pub(super) struct CrustalMap {
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
-    /// Corrected map. The field is computed from this map as the field's component in the mean direction.
+    /// Corrected map, from which the field is computed. The values are the field's component in the mean direction.
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
     /// Whether the four corner nodes of each grid square are known, row by row.
     known: Vec<bool>,
-    /// Cached levels; the key is the bits of the height above the map. The levels do not depend on the order of
-    /// requests.
+    /// Cached levels; the key is the bits of the height above the map. The set of levels does not depend on the order
+    /// of requests.
     levels: Mutex<BTreeMap<u64, Arc<CrustalMapLevel>>>,
 }
 
@@ -207,7 +207,7 @@ impl CrustalMap {
         known.then_some(CrustalMapCell { row, column, up, right })
     }
 
-    /// The levels that heights lie between.
+    /// The levels from the one below the lowest height to the one above the highest height.
     fn tower(&self, alt_m: &[f64]) -> Result<CrustalLevelStack, ReadError> {
         let (low, high) = alt_m.iter().fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
         let spacing_m = self.steps_m[0].min(self.steps_m[1]);
@@ -242,8 +242,9 @@ pub(super) fn change_of_magnitude(core: &Vector3<f64>, b: &Vector3<f64>) -> f64 
     (2.0 * core + b).dot(b) / ((core + b).norm() + core.norm())
 }
 
-/// Corrected map, and the remaining difference. The components of the corrected map in one direction change the
-/// magnitude of each node's core field (east, north, up; nT) by the value of the map.
+/// Corrected map, and the remaining difference. The corrected map is the component along `direction` of a field. This
+/// field changes the magnitude of the core field at each node (east, north, up; nT) by the value of the map, except for
+/// the remaining difference.
 fn corrected(
     map: &PlaneGrid,
     direction: [f64; 3],
@@ -328,7 +329,7 @@ impl CrustalMapLevel {
     }
 }
 
-/// The sum of four nodes of a row.
+/// The weighted sum of four nodes of a row.
 fn weighted(row: &[CrustalComponents], weights: [f64; 4]) -> CrustalComponents {
     row.iter().zip(weights).fold([0.0; 4], |sum, (node, weight)| std::array::from_fn(|q| sum[q] + weight * node[q]))
 }

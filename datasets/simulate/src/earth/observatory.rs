@@ -67,7 +67,7 @@ impl ObservatoryVariation {
     /// samples of a run.
     ///
     /// # Errors
-    /// Fails, with the message as text, at a time without a sample before and after it.
+    /// Fails, with the message as text, at a time that is not between two samples of a run.
     pub(super) fn at(&self, tt_s: f64) -> Result<Vector3<f64>, String> {
         let place = (tt_s - self.start_tt_s) / self.step_s;
         let slack = SLACK_S / self.step_s;

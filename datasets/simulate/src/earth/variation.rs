@@ -28,7 +28,8 @@ use super::{
 use crate::random::RandomStream;
 
 const DAY_S: f64 = 86_400.0;
-/// Maximum extrapolation of the first interval between knots before the flight's start, in seconds.
+/// Maximum time before the flight's start at which the process is still extrapolated from its first interval, in
+/// seconds.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
@@ -95,11 +96,11 @@ pub(super) struct QuietDay {
 }
 
 impl QuietDay {
-    /// Amplitudes of the orders 1 to 4. They give a curve with a peak of 5 hours around noon that is flat at night.
+    /// Amplitudes of the orders 1 to 4. They give a curve that has a peak of 5 hours around noon and is flat at night.
     const SIZES: [f64; 4] = [1.0, 0.5, 0.15, 0.03];
     /// The internal part relative to the external part.
     const INDUCED: f64 = 0.4;
-    /// The latitude at which the size is given.
+    /// The latitude to which the given size refers.
     const LATITUDE_DEG: f64 = 35.0;
 
     pub(super) fn new(most_nt: f64) -> QuietDay {

@@ -124,7 +124,7 @@ impl Default for SynthIns {
     }
 }
 
-/// The INS. Its temporal variation is the table `diurnal` of the spec.
+/// Reads the table `ins` of the spec.
 pub(in super::super) fn ins(root: &SynthSection) -> SynthIns {
     let Some(s) = root.section("ins") else { return SynthIns::default() };
     // The grade sets the error sources that are unset.

@@ -28,7 +28,7 @@ pub const PRESETS: &[(&str, &[&str])] = &[
     ("drone_real", &[DRONE, include_str!("../../presets/drone_real.toml")]),
 ];
 
-/// Alternative keys for one quantity: a key that is given removes the other key.
+/// Alternative keys for one quantity. If the spec gives one of the two keys, the other key of the preset is removed.
 const EITHER: [[&str; 2]; 5] = [
     ["permanent", "permanent_nt"],
     ["induced", "induced_nt"],
@@ -37,7 +37,7 @@ const EITHER: [[&str; 2]; 5] = [
     ["hysteresis", "hysteresis_nt"],
 ];
 
-/// Merging of lists without names that occur in both tables.
+/// Treatment of lists without names that occur in both tables.
 #[derive(Clone, Copy)]
 enum PresetListMerge {
     /// The overriding list replaces the base list.
@@ -105,7 +105,7 @@ fn entries(table: &DeTable) -> Vec<String> {
     lists.flat_map(|list| list.iter().filter_map(name_of)).map(str::to_owned).collect()
 }
 
-/// Removes the entries named `name`, the wires of that current and all other references to the name.
+/// Removes the entries named `name` and all references to the name, such as the wires of a current of this name.
 fn leave_out(table: &mut DeTable, name: &str) -> bool {
     let is = |value: &Spanned<DeValue>, key: &str| {
         let found = value.get_ref().as_table().and_then(|t| t.get(key));

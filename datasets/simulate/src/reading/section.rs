@@ -66,7 +66,7 @@ impl<'a> SynthSection<'a> {
         }
     }
 
-    /// Byte range of the key `name` of the table `table` inside this table.
+    /// Byte range of the key `name` in `table`, which is a table inside this table.
     pub(crate) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
         let inner = self.table.get(table).and_then(|value| value.get_ref().as_table());
         let key = inner.and_then(|inner| inner.keys().find(|key| key.get_ref() == name));
@@ -93,7 +93,7 @@ impl<'a> SynthSection<'a> {
         self.faults.borrow_mut().push(Fault::new(what).at(value.span()));
     }
 
-    /// True or false, with a default.
+    /// Reads a value that is true or false, with a default.
     pub(crate) fn flag(&self, key: &'static str, default: bool) -> bool {
         let Some(value) = self.get(key) else { return default };
         value.get_ref().as_bool().unwrap_or_else(|| {

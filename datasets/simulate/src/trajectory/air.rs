@@ -47,7 +47,7 @@ impl Wind {
 /// The table `turbulence`: continuous random gusts after Dryden. Without turbulence, the air is smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turbulence {
-    /// Wind 20 feet above the ground, in m/s.
+    /// Wind speed 20 feet above the ground, in m/s.
     pub wind_20ft_mps: f64,
     /// Height of the ground above the ellipsoid, in metres.
     pub ground_m: f64,
@@ -121,8 +121,8 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. The wind is twice as high for moderate and three times
-/// as high for severe turbulence.
+/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. The wind speed is twice as high for moderate and three
+/// times as high for severe turbulence.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
@@ -195,7 +195,7 @@ choice! {
 }
 
 impl TurbulenceIntensity {
-    /// The wind 20 feet above the ground, in m/s.
+    /// The wind speed 20 feet above the ground, in m/s.
     fn wind_20ft_mps(self) -> f64 {
         match self {
             TurbulenceIntensity::None => 0.0,

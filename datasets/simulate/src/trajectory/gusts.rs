@@ -10,9 +10,9 @@ use super::{
     air::{Dynamics, GustStatistics, Turbulence},
 };
 
-/// The statistics of the gusts are updated only if the height changes by more than this, in metres.
+/// Minimum change of height after which the statistics of the gusts are updated, in metres.
 const SAME_HEIGHT_M: f64 = 5.0;
-/// The spin-up of the gusts before a line begins, in steps.
+/// Number of steps for which the gusts are simulated before a line begins.
 const BEFORE: usize = 1200;
 
 /// Random gusts: white noise through exactly discretised filters, each with an output of variance 1. [MIL-F-8785C,
@@ -150,7 +150,8 @@ struct GustResponse {
     from_change: Vector4<f64>,
 }
 
-/// Lag (s) and hold (rad/s) of the displacement; gain, frequency (rad/s) and damping of the angle.
+/// Parameters of a [`GustResponse`]: lag (s) and hold (rad/s) of the displacement; gain, frequency (rad/s) and damping
+/// of the angle.
 struct GustResponseParameters {
     lag_s: f64,
     hold_radps: f64,

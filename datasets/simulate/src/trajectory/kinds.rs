@@ -184,8 +184,8 @@ pub(super) struct GroundRoute {
     pub(super) marks_m: Vec<f64>,
 }
 
-/// Angle in radians. Turns by a larger angle begin over the waypoint and end on a course to the next waypoint. Other
-/// turns begin before the waypoint and end on the next leg.
+/// Angle of a turn, in radians, above which the turn begins over the waypoint and ends on a course to the next
+/// waypoint. Other turns begin before the waypoint and end on the next leg.
 const FLY_OVER_RAD: f64 = 2.0;
 
 /// A route along waypoints: once, or repeated until the route is `until_m` long. `swing` is the angle (rad) and the
@@ -255,7 +255,8 @@ fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, RouteError> {
     })
 }
 
-/// Turns by about `angle` until the course points to a position; returns the required distance if there is no room.
+/// Turns by about `angle`, so that the course afterwards points to the position `to`. Returns the required distance if
+/// there is no room for the turn.
 fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(), f64> {
     let least_m = 2.5 * (2.0 * route.radius_m + route.ramp_m);
     for _ in 0..50 {

@@ -142,7 +142,7 @@ impl TrajectoryPlan {
         (self.ground_mps(place.course_rad, alt_m, slope) * radius_m / (radius_m + alt_m), alt_m)
     }
 
-    /// The duration of the route; records when the marks are passed.
+    /// The duration of the route, in seconds. The times at which the marks are passed are added to `marks_s`.
     fn clock(&self, marks_m: &[f64], marks_s: &mut Vec<f64>) -> f64 {
         let (mut place, mut t) = (self.start, 0.0);
         let mut marks = marks_m.iter().peekable();

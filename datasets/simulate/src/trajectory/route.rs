@@ -65,7 +65,8 @@ impl RouteSegment {
     }
 }
 
-/// Heading change of a turn at the fraction u (0 to 1) of its length, as a fraction of the total turn angle.
+/// Course of a swing at the fraction u (0 to 1) of its length, relative to the straight course, as a fraction of the
+/// swing's amplitude.
 fn swing(u: f64, periods: f64) -> f64 {
     smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
 }
@@ -77,7 +78,7 @@ pub(super) struct TurnShape {
     pub(super) length_m: f64,
     /// Length of the chord from the beginning to the end of the turn.
     chord_m: f64,
-    /// Displacement of the end ahead and to the right, relative to the beginning of the turn.
+    /// Displacement from the beginning to the end of the turn, ahead and to the right.
     pub(super) ahead_m: f64,
     pub(super) right_m: f64,
 }
@@ -228,7 +229,7 @@ impl Route {
         let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
         let bearing = way.leaves_rad - self.end.course_rad;
         let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());
-        // Course at this position, relative to the current course.
+        // Course on arrival at this position, relative to the current course.
         let finally = to.course_rad - (way.arrives_rad - way.leaves_rad) - self.end.course_rad;
         let (first, straight_m, second) = shortest(self, target, finally).ok_or_else(lost)?;
         self.turn_if(first);

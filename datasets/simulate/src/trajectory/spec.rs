@@ -310,7 +310,7 @@ params! {
     copies: Option<usize>, unit "", absent "one flight, named `name`", rule Rule::Between(1.0, 10_000.0);
 }
 
-/// The lines of one table.
+/// The lines of one table `flights.lines`.
 fn lines(s: &SynthSection, next_s: f64, air: &FlightConditions) -> Vec<SynthLine> {
     let faults = s.faults();
     let Some(keys) = s.group_of::<LineKeys>(None, &kinds()) else { return vec![] };
