@@ -1,4 +1,4 @@
-//! Foreign formats, one file each, and the registry that selects one of them.
+//! Foreign formats, one source file each, and the selection of a format for a file.
 //!
 //! The name in the options selects the format, otherwise the content of the file, otherwise its extension. Damage is
 //! therefore reported by the reader of the file's format.
@@ -237,7 +237,7 @@ pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
     options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
 }
 
-/// The files of a map: the map's file, or all files of its folder, and the files next to it with its values or its
+/// The files of a map: the map's file, or all files of the map's folder, and companion files with values or the
 /// coordinate system.
 ///
 /// # Errors
@@ -281,7 +281,7 @@ impl FormatCandidate {
     }
 }
 
-/// The position of the format to use, or an error that lists the known ones.
+/// The index of the format to use, or an error that lists the known formats.
 fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind: &str) -> Result<usize, ReadError> {
     let names: Vec<&str> = known.iter().map(|c| c.name).collect();
     if let Some(name) = named {
@@ -293,7 +293,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     }
     let by_extension = |c: &FormatCandidate| has_extension(head.path, c.extensions);
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A string in another format may resemble a table of numbers.
+    // A text file in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

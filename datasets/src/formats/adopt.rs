@@ -9,12 +9,12 @@ use schemas::{Role, convert, convertible_to, describe_field, field, flight};
 use super::{FlightBatch, FlightOptions, RawFlight, missing::MissingMarkers, unit_name};
 use crate::ReadError;
 
-/// The column of the flight table that a column of the file becomes.
+/// Name and unit in the flight table for a column of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FlightColumnTarget {
     /// Name in the flight table.
     pub(super) name: String,
-    /// The unit that its values have; empty for the canonical unit.
+    /// The unit of the values; empty for the canonical unit.
     pub(super) unit: String,
 }
 
@@ -239,19 +239,19 @@ pub fn name_of_head(head: &str) -> &str {
     unit_name::split_head(head).map_or(head, |(name, _)| name)
 }
 
-/// The unit that the end of a name implies, where it is not ambiguous.
+/// The unit that the end of a name implies; `None` if the end is ambiguous.
 pub fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
-/// The unit of [`unit_of_name`], or an unknown string that looks like a unit. The unknown string causes an error
-/// wherever the unit matters.
+/// The unit of [`unit_of_name`], or an unknown string that looks like a unit. The unknown string causes an error where
+/// the unit is required.
 pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }
 
-/// The unit of a column in its format, and the values in this unit. The unit is `counted`, or the canonical unit if
-/// `counted` is empty.
+/// Converts the values of a column to the unit `counted`, or to the canonical unit if `counted` is empty. Returns the
+/// unit and the values.
 ///
 /// # Errors
 /// Fails for a unit that does not convert.
@@ -269,7 +269,7 @@ pub(super) fn in_counted_unit(
         return Ok((unit.to_owned(), values));
     }
     let factor = convert(unit, wanted);
-    // The converter lacks some units of the formats.
+    // The unit converter does not have all units of the formats.
     let factor = if unit == wanted { Some(1.0) } else { factor };
     let factor = factor.ok_or_else(|| other_unit(path, own, &named.name, "the column is in", unit, wanted))?;
     let values = if factor == 1.0 { values } else { values.into_iter().map(|x| x * factor).collect() };

@@ -104,7 +104,7 @@ impl FlightReader {
         self.format.name
     }
 
-    /// The function that lists the inputs of the flight, if these are not only its file.
+    /// The function that lists the inputs of the flight, if its file is not the only input.
     pub fn made_from(&self) -> Option<FlightInputLister> {
         self.format.made_from
     }
@@ -186,7 +186,7 @@ pub struct FlightFormat {
     pub recognise: fn(&FileHead) -> bool,
     /// Opens a file.
     pub open: fn(&Path, &FlightOptions, &ReadHints) -> Result<RawFlight, ReadError>,
-    /// The tables of a file, for a format that holds several; `None` for a format of one table.
+    /// The tables of a file, for a format whose files hold several tables; `None` for other formats.
     pub topics: Option<TopicLister>,
     /// The inputs of a flight that is computed from a file. Listing them takes far less time than reading.
     pub made_from: Option<FlightInputLister>,

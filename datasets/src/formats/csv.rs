@@ -1,9 +1,9 @@
 //! Comma-separated text with a header row; other separators are converted. The file is read twice: once for the type of
-//! each column, once for the values. Memory does not grow with the file.
+//! each column, once for the values. Memory use does not depend on the size of the file.
 //!
 //! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
-//! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is another
-//! header is an error, because its columns differ.
+//! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is a
+//! different header is an error, because its columns differ.
 
 use std::{
     collections::{HashSet, VecDeque},
@@ -54,7 +54,7 @@ enum CsvColumnKind {
     Number,
     Whole,
     Text,
-    /// `flight` or `line`: text. An unreadable row has the text of the row before it.
+    /// `flight` or `line`: text. In an unreadable row, the text of the previous row is used.
     Key,
 }
 
@@ -79,7 +79,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<Raw
     open_in(path, options, reading, BLOCK)
 }
 
-/// Opens a file to be read in blocks of this size in bytes, which does not affect the result.
+/// Opens a file to be read in blocks of `block` bytes. The size of the blocks does not affect the result.
 fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usize) -> Result<RawFlight, ReadError> {
     let names = header(path)?;
     check_time(path, &names, options)?;
@@ -207,7 +207,7 @@ struct CsvBatchReader {
     threads: usize,
     /// The next parts.
     ready: VecDeque<Result<FlightBatch, ReadError>>,
-    /// Number of rows before the next block, and the line on which the block begins.
+    /// Number of rows before the next block, and the line of the file on which the block begins.
     row: u64,
     line: u64,
     /// The last value of each key before the next block.

@@ -1,9 +1,10 @@
-//! DataFlash, the self-describing binary log of ArduPilot. Each message is a topic, `MAG`; if its definition marks an
-//! instance (unit `#`), each instance is a topic, `MAG:0`. [ardupilot.org, Logs; AP_Logger/LogStructure.h]
+//! DataFlash, the self-describing binary log of ArduPilot. The messages of one name are a topic, such as `MAG`. If the
+//! definition marks an instance (unit `#`), each instance is a topic, such as `MAG:0`. [ardupilot.org, Logs;
+//! AP_Logger/LogStructure.h]
 //!
 //! Numbers with a scaling format are scaled as in pymavlink (`c`, `C`, `e`, `E` hundredths, `L` 1e-7 degrees). All
-//! others keep their logged values, in the unit of the FMTU, UNIT and MULT messages, including the multiplier. Logs
-//! before 2018 lack such messages and have units only for time, latitude and longitude.
+//! others keep their logged values. Their unit comes from the FMTU, UNIT and MULT messages and includes the multiplier.
+//! Logs before 2018 lack such messages and have units only for time, latitude and longitude.
 //!
 //! The file is read three times: for its units, to list and count its topics, and for the values of one topic.
 

@@ -1,4 +1,4 @@
-//! Decimal numbers in the bytes of a string, bit-identical to `str::parse`.
+//! Parsing of decimal numbers in bytes of text, bit-identical to `str::parse`.
 //!
 //! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so their product or quotient is correctly
 //! rounded [Clinger 1990]. `str::parse` reads every other spelling.

@@ -15,12 +15,12 @@ use crate::ReadError;
 pub(super) struct DeclinationSample {
     /// North, east and down, in nT.
     pub(super) ned_nt: [f64; 3],
-    /// The baseline: the declination that was added to the sample's declination or, for components H and E, the
+    /// The baseline: a declination that was added to the sample's declination or, for the components H and E, the
     /// direction of H.
     pub(super) baseline_rad: f64,
     /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,
-    /// A baseline of the header that was not added.
+    /// A baseline in the header that was not added.
     pub(super) unused_rad: Option<f64>,
     /// The components.
     pub(super) kind: ComponentConversion,
@@ -33,10 +33,9 @@ const LEAST_HORIZONTAL_NT: f64 = 2000.0;
 /// A wrong unit or baseline is assumed if the component normal to the IGRF's meridian exceeds this limit, in nT. The
 /// crustal anomaly is smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// A note is made, even without an explanation, if the component normal to the IGRF's meridian exceeds this limit, in
-/// nT.
+/// A note is added if the component normal to the IGRF's meridian exceeds this limit, in nT, even if no cause is found.
 const REMARKABLE_NT: f64 = 1000.0;
-/// Maximum fraction of that component that may remain if an explanation is valid.
+/// A cause is accepted only if removing it leaves at most this fraction of the component normal to the IGRF's meridian.
 const EXPLAINED: f64 = 0.25;
 /// Difference of inclinations that a local anomaly cannot cause, in degrees.
 const DIP_DEG: f64 = 10.0;
@@ -272,7 +271,7 @@ mod tests {
         assert!(xyz.notes[0].contains("their magnitude is 13 nT, but the IGRF gives 48") && xyz.ned_nt[0][0] == 12.0);
         let hdz = read(&format!("{VARIATION} # DECBAS 2622 |\n"), "HDZF", "12.00 5.00 5.00 48400.00").unwrap();
         assert!(hdz.notes[0].contains("`field_n` and `field_e` are unknown") && hdz.ned_nt[0][0].is_nan());
-        // Components along sensor axes that have the names of geographic components.
+        // Components along sensor axes, although they have the names of geographic components.
         let xyz = read(VARIATION, "XYZF", "20050.00 30.00 44000.00 48400.00").unwrap();
         assert!(xyz.notes[0].contains("check the orientation") && xyz.ned_nt[0][1] == 30.0, "{:?}", xyz.notes);
     }

@@ -86,10 +86,10 @@ fn kind(text: &str, width: Option<usize>) -> GeosoftTextLine {
     }
 }
 
-/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks. A string in double quotes is
-/// one word.
+/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks. Text in double quotes is one
+/// word.
 fn words(text: &str) -> Vec<String> {
-    // A single quote character is part of a word.
+    // If the number of quote characters is odd, they are part of words.
     let quotes = text.matches('"').count();
     if quotes > 0 && quotes.is_multiple_of(2) {
         return quoted_words(text);
@@ -160,7 +160,7 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
 
 fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError> {
     let (mut found, mut comments) = (GeosoftScan::default(), vec![]);
-    // Rows of one word and one number, which are unknown line records if there are any other rows.
+    // Text lines of one word and one number, which are unknown line records if the file has other rows.
     let mut pairs = vec![];
     for (at, line) in (1..).zip(lines(path)?) {
         let width = Some(found.numbers.len()).filter(|width| *width > 0);
@@ -192,7 +192,7 @@ fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError>
     if width == 0 {
         return Err(ReadError::data(path, "has no rows"));
     }
-    // A comment line that underlines the names has the same number of words, but without letters.
+    // A comment line that underlines the names has the same number of words as the line of names, but no letters.
     let names = |words: &&Vec<String>| {
         let letters = |w: &String| w.chars().any(char::is_alphabetic) && csv::number(w).is_none();
         words.len() == width && words.iter().all(letters)
@@ -390,7 +390,7 @@ impl Iterator for GeosoftBatchReader {
 }
 
 impl GeosoftBatchReader {
-    /// Begins the line of an unknown line record, whose rows belong to no other line.
+    /// Begins a line for an unknown line record, so that the rows after it are not added to another line.
     fn begin_unknown(&mut self, words: &[String]) {
         self.now.line = words.join(" ");
         let fault = ReadError::data(&self.path, unknown(words)).in_row(self.row);

@@ -51,7 +51,7 @@ impl<'a> GdalMetadata<'a> {
         Ok(GdalMetadata { path, items })
     }
 
-    /// The first of the names that an item of the file or of its first band has, and the text of this item.
+    /// The first of `names` for which the file or its first band has an item, and the text of this item.
     pub(super) fn item<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &str)> {
         let of = |name: &&'n str| {
             let mut found = self.items.iter().filter(|i| i.name == *name && i.sample.is_none_or(|s| s == 0));

@@ -1,4 +1,4 @@
-//! Functions shared by the readers and writers of simple grids: text by words, bytes by fields, and rows in either
+//! Functions shared by the readers and writers of simple grids: words of text, fields of bytes, and rows in either
 //! order.
 
 use std::{io::Write, path::Path};
@@ -33,7 +33,7 @@ pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
     std::fs::read(path).map_err(|e| ReadError::io(path, &e))
 }
 
-/// The number of nodes, if the file has at least `least` bytes for each.
+/// The numbers of columns and rows, after a check that the file has at least `least` bytes for each node.
 ///
 /// # Errors
 /// Fails for counts below two, or for more nodes than the bytes can hold.
@@ -52,10 +52,10 @@ pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64
     }
 }
 
-/// The next `count` numbers of a string.
+/// The next `count` numbers of the text.
 ///
 /// # Errors
-/// Fails for fewer numbers, or a word that is not a number; `at` counts from 0.
+/// Fails for fewer numbers, or for a word that is not a number.
 pub(super) fn numbers<'a>(
     path: &Path,
     words: &mut impl Iterator<Item = &'a str>,
@@ -131,7 +131,7 @@ pub(super) fn transposed(values: &[f64], height: usize) -> Vec<f64> {
     (0..height).flat_map(|row| values.iter().skip(row).step_by(height)).copied().collect()
 }
 
-/// The rows of a map from the south, or from the north.
+/// The rows of a map, in order from the south or from the north.
 pub(super) fn rows(map: &AnomalyGrid, north_first: bool) -> impl Iterator<Item = &[f64]> {
     let count = map.y.len;
     (0..count).map(move |j| {

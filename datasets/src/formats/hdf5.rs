@@ -40,7 +40,7 @@ pub(super) struct Hdf5Source {
     base: u64,
 }
 
-/// The result of the macro `$numbers` for the Rust type of a numeric data type; `$otherwise` for any other data type.
+/// Calls the macro `$numbers` with the Rust type of a numeric data type; `$otherwise` for any other data type.
 macro_rules! of_kind {
     ($kind:expr, $numbers:ident, $otherwise:expr) => {
         match $kind {
@@ -64,7 +64,7 @@ impl Hdf5Source {
     pub(super) fn open(path: &Path) -> Result<Hdf5Source, ReadError> {
         let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
         let (root, groups, names, base) = guarded(path, || {
-            // Plain reads instead of a memory map report a file that is truncated during reading as an error.
+            // With plain reads instead of a memory map, truncation of the file during reading is reported as an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
             let most = DecodeLimit::new(bytes).most_here();
             let options = OpenOptions::default()
@@ -72,7 +72,7 @@ impl Hdf5Source {
                 .with_max_chunk_bytes(most)
                 .with_max_read_bytes(most);
             let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
-            // Counted from the start of the file, including a user block before the data.
+            // The declared end is counted from the start of the file, and includes a user block before the data.
             let declared = file.superblock().eof_address;
             if declared > bytes {
                 return Err(ReadError::data(
@@ -166,7 +166,7 @@ pub(super) struct Hdf5Dataset {
     set: Dataset,
     /// Position of the values in a layout that the reader does not support.
     early: Option<Hdf5LegacyLayout>,
-    /// The conversion of the stored numbers, if attributes describe one.
+    /// The conversion of the stored numbers, if attributes describe a conversion.
     storage: Option<NetcdfEncoding>,
     notes: Arc<Mutex<Vec<String>>>,
 }

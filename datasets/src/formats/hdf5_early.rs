@@ -8,7 +8,7 @@ use std::{
     path::Path,
 };
 
-/// Maximum number of messages of a header, and of their blocks.
+/// Maximum number of messages in a header, and of blocks of messages.
 const MOST: usize = 4096;
 /// The largest block of messages, in bytes.
 const BLOCK: u64 = 1 << 20;

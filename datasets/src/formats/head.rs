@@ -41,7 +41,7 @@ impl FileHead<'_> {
         self.bytes.get(offset..).is_some_and(|bytes| bytes.starts_with(magic))
     }
 
-    /// The bytes without the end-of-file mark of a short text.
+    /// The first bytes, without the end-of-file mark that may end a short text.
     pub(super) fn text(&self) -> &[u8] {
         text_end::without_mark(&self.bytes)
     }
@@ -69,7 +69,7 @@ impl FileHead<'_> {
             return vec![];
         }
         let names = hdf5::Hdf5Source::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
-        // The original names also identify a format, even if the options rename them.
+        // A format is identified both by the original names and by the names in the options.
         names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
     }
 

@@ -303,9 +303,9 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 /// # Errors
 /// Fails for samples that do not ascend in time or are at uneven times.
 pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    /// Number of steps that any record may have: one month at intervals of 1 s.
+    /// Number of steps that every record may have: one month at intervals of 1 s.
     const FREE: f64 = 3e6;
-    /// Maximum number of steps per sample in a longer record; steps without a sample are gaps.
+    /// Maximum number of steps per sample in a record with more steps. Steps without a sample are gaps.
     const MOST: f64 = 256.0;
     let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };

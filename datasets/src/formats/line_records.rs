@@ -17,7 +17,7 @@ pub(super) struct GeosoftLineRecord {
     pub(super) name: String,
 }
 
-/// Result of matching a text line with the form of a line record.
+/// Result of checking whether a text line is a line record.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum LineRecordMatch {
     /// A line record.
@@ -28,7 +28,7 @@ pub(super) enum LineRecordMatch {
     No,
 }
 
-/// Classifies the words of a text line, in a table with rows of `width` values if that is known.
+/// Classifies the words of a text line. `width` is the number of values in a row of the table, if known.
 pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> LineRecordMatch {
     let digit = |name: &str| name.chars().any(|c| c.is_ascii_digit());
     let other = width.is_some_and(|width| width != words.len());
@@ -91,7 +91,7 @@ impl GeosoftLineNames {
         self.types.entry(record.name.clone()).or_default().insert(record.kind);
     }
 
-    /// The name of the line of a record, after all records of the file are added.
+    /// The name of the line that a record begins. All records of the file must have been added before.
     pub(super) fn name(&self, record: &GeosoftLineRecord) -> String {
         let shared = self.types.get(&record.name).is_some_and(|types| types.len() > 1);
         let mut name = record.name.clone();

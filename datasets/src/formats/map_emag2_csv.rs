@@ -44,10 +44,10 @@ const ROUNDING: f64 = 1e-3;
 const UNKNOWN: f64 = 99_999.0;
 /// The heights of the two anomalies, with their columns.
 const LEVELS: [(f64, usize); 2] = [(0.0, 4), (4000.0, 5)];
-/// Largest ratio of cells of the grid to rows of the file.
+/// Maximum ratio of the number of cells of the grid to the number of rows in the file.
 const SPARSEST: usize = 64;
 
-/// The largest indices: 360 and 180 degrees of 30 cells, counted from 0 or 1.
+/// The largest indices: 360 and 180 degrees with 30 cells per degree, counted from 0 or 1.
 const MOST: [u32; 2] = [10_800, 5400];
 
 /// A row of the file.

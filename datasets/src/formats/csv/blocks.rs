@@ -10,17 +10,17 @@ use super::{
 /// Approximate size of a block, in bytes.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// Maximum length of a record, in bytes. A longer record has an open quote or is not part of a table.
+/// Maximum length of a record, in bytes. A longer record has an unclosed quote or is not part of a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Whole records of a string, followed by newlines, with their position in the block.
+/// Whole records of CSV text, followed by newlines as padding.
 pub(super) struct CsvBlock {
-    /// The records, then newlines.
+    /// The records, then newlines as padding.
     text: Vec<u8>,
     len: usize,
-    /// Start of the first record, and the number of newlines before it.
+    /// Position of the first record.
     pub(super) start: usize,
     /// Whether the block is the last block of a file that does not end with a newline.
     pub(super) cut: bool,
@@ -37,14 +37,14 @@ impl CsvBlock {
         self.len
     }
 
-    /// The newlines between two positions.
+    /// The number of newlines between two positions.
     pub(super) fn newlines(&self, from: usize, to: usize) -> u64 {
         let text = self.text.get(from..to.min(self.len)).unwrap_or_default();
         text.iter().filter(|b| **b == b'\n').count() as u64
     }
 }
 
-/// Reader of the blocks of a string, without its header.
+/// Reader of CSV text in blocks; the first record is the one after the header.
 pub(super) struct CsvBlockReader<R> {
     input: R,
     size: usize,

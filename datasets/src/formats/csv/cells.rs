@@ -1,5 +1,5 @@
-//! Finds the ends of the records of a string, and the cells of a record. Commas separate cells. Cells that contain
-//! commas, newlines or (doubled) quotes are quoted. A carriage return or a newline ends a record.
+//! Finds the ends of records in CSV text, and the cells of a record. Commas separate cells. Cells that contain commas,
+//! newlines or (doubled) quotes are quoted. A carriage return or a newline ends a record.
 
 /// Whether a byte ends a record.
 pub(super) fn ends_record(byte: u8) -> bool {

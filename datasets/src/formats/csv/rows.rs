@@ -13,14 +13,14 @@ use super::{
 };
 use crate::ReadError;
 
-/// The layout of the columns of a file.
+/// The columns of a file, and the treatment of its values.
 pub(super) struct CsvLayout {
     pub(super) names: Vec<String>,
     pub(super) kinds: Vec<CsvColumnKind>,
     pub(super) missing: MissingMarkers,
-    /// The largest number that can mark a missing value.
+    /// The largest of the numbers that mark missing values.
     pub(super) fillers_to: f64,
-    /// Whether the last row, which the end of the file truncates, is dropped.
+    /// Whether the last row is dropped because the end of the file truncates it.
     pub(super) drops_last: bool,
 }
 
@@ -81,7 +81,7 @@ enum CsvFaultKind {
     /// The row that the end of the file truncates.
     Cut(usize),
     OtherHeader,
-    /// A string that is not a number, with its column.
+    /// A cell that is not a number, and its column.
     NoNumber(usize, Vec<u8>),
 }
 
@@ -131,7 +131,7 @@ pub(super) struct CsvRows<'a> {
     cells: CsvCells,
     pub(super) rows: usize,
     pub(super) wrong: Vec<CsvRowFault>,
-    /// Number of rows at the start that take flight and line from the row before the block.
+    /// Number of rows at the start of the block that have the flight and the line of the row before the block.
     orphans: usize,
     /// Number of newlines of the block.
     pub(super) newlines: u64,
@@ -266,7 +266,7 @@ impl<'a> CsvRows<'a> {
         Some(CsvFaultKind::NoNumber(column, self.cells.get(column).to_vec()))
     }
 
-    /// Whether the row in `cells` has neither a number nor a missing value in its number columns.
+    /// Whether the row in `cells` has a word in every column of numbers, of which there are at least two.
     fn is_other_header(&self) -> bool {
         let CsvLayout { kinds, missing, .. } = self.layout;
         let number = |(kind, _): &(&CsvColumnKind, &[u8])| matches!(kind, CsvColumnKind::Number | CsvColumnKind::Whole);

@@ -25,7 +25,7 @@ pub(super) struct CsvScan {
     cut: Option<CsvTruncation>,
 }
 
-/// Last value of a file without a final newline, which may be truncated.
+/// Last value of a file that does not end with a newline. The value may be truncated.
 #[derive(Clone, Debug, PartialEq)]
 struct CsvTruncation {
     value: String,
@@ -40,20 +40,20 @@ struct CsvScanColumns<'a> {
     missing: &'a MissingMarkers,
     /// Columns of undetermined type that have only numbers so far.
     open: Vec<bool>,
-    /// Whether the lengths of the last values matter.
+    /// Whether the lengths of the last values of the rows are recorded.
     widths: bool,
 }
 
 /// Result of the first pass for one block.
 struct CsvBlockSummary {
-    /// Columns with something other than numbers.
+    /// Columns in which some cell is not a number.
     words: Vec<usize>,
     /// Number of rows that repeat the header, and number of newlines of the block before the first of these rows.
     repeated: (u64, u64),
     newlines: u64,
     /// Length of the shortest last value of a row, except a row that the end of the file truncates.
     shortest: usize,
-    /// The last value of a row that the end of the file truncates, and the newlines before it.
+    /// The last value of a row that the end of the file truncates, and the number of newlines before the row.
     last: Option<(Vec<u8>, u64)>,
 }
 
@@ -176,7 +176,7 @@ pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T
 }
 
 impl CsvBlockSummary {
-    /// Notes the last value of the whole row from `start` to `end`.
+    /// Records the last value of the complete row from `start` to `end`.
     fn width(&mut self, value: &[u8], (block, start): (&CsvBlock, usize), end: usize) {
         if block.cut && end >= block.end() {
             self.last = Some((value.to_vec(), block.newlines(0, start)));
@@ -270,7 +270,7 @@ impl CsvBlockScanner<'_> {
         None
     }
 
-    /// Marks as text the columns that have words in a complete row.
+    /// Marks the columns that have words in the current row as text, once the row is complete.
     fn settle(&mut self) {
         for column in self.doubts.drain(..) {
             self.open[column] = false;

@@ -1,5 +1,6 @@
 //! Text with comments above its header, or with columns separated by semicolons or tabs and numbers with decimal points
-//! or commas. It is converted to comma-separated text with decimal points while it is read; each record keeps its line.
+//! or commas. The text is converted to comma-separated text with decimal points while it is read; each record keeps its
+//! line number.
 
 use std::{
     io::{self, BufRead, BufReader, Read},
@@ -17,7 +18,7 @@ const COMMENT: char = '#';
 /// The byte order mark.
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Form of a string, from its first lines.
+/// Form of the text of a file, determined from the first lines.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CsvStyle {
     /// Separator of the columns.
@@ -49,7 +50,7 @@ impl CsvStyle {
         CsvStyle { header: heads.then(|| names.to_owned()), ..style }
     }
 
-    /// Form of a string with the header `line`.
+    /// Form of text with the header `line`.
     fn new(line: &str) -> CsvStyle {
         let mut quoted = false;
         let mut has = [false; 3];
@@ -71,12 +72,12 @@ impl CsvStyle {
         CsvStyle { separator, above: 0, header: None }
     }
 
-    /// Whether the text is read as it is.
+    /// Whether the text is read without conversion.
     fn is_plain(&self) -> bool {
         *self == CsvStyle { separator: b',', above: 0, header: None }
     }
 
-    /// Remark on a converted text.
+    /// Note for the user on the conversion of the text.
     pub(super) fn note(&self) -> Option<&'static str> {
         match self.separator {
             b';' => Some("columns are separated by semicolons; a comma in a number is read as a decimal point"),
@@ -121,12 +122,12 @@ impl Read for CsvText {
     }
 }
 
-/// Decimal sign of the numbers so far.
+/// Decimal sign of the numbers read so far.
 enum DecimalSign {
     Unknown,
     Point,
-    /// A comma. Holds the first number with a comma, as long as all such numbers may be thousands with a separator,
-    /// such as `1,234`.
+    /// A comma. Holds the first number with a comma, as long as every such number may be a whole number with a
+    /// separator of thousands, such as `1,234`.
     Comma(Option<String>),
 }
 
@@ -211,7 +212,7 @@ impl ConvertedText {
         Ok(())
     }
 
-    /// Appends the current cell. A string with a comma is quoted.
+    /// Appends the current cell. Text with a comma is quoted.
     fn end_cell(&mut self) -> io::Result<()> {
         let cell = std::mem::take(&mut self.cell);
         let inner = cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\""));
@@ -284,7 +285,7 @@ fn decimal(sign: &mut DecimalSign, cell: &[u8], line: u64) -> io::Result<Option<
     }
 }
 
-/// The decimal sign of a number that has exactly one such sign; `None` for other strings.
+/// The decimal sign of a number with exactly one point or comma; `None` for other text.
 fn decimal_sign(cell: &[u8]) -> Option<u8> {
     let at = cell.iter().position(|b| matches!(b, b'.' | b','))?;
     let number: Vec<u8> = cell.iter().enumerate().map(|(i, b)| if i == at { b'.' } else { *b }).collect();
@@ -337,7 +338,7 @@ mod tests {
             ("# a;b\n1,5;2,25\n", "a,b\n1.5,2.25\n"),
             ("a,b\n1,2\n", "a,b\n1,2\n"),
             ("a;b\n2024-06-03T14:00:00.5Z;51336,25\n", "a,b\n2024-06-03T14:00:00.5Z,51336.25\n"),
-            // Whole numbers up to a number with a decimal comma.
+            // `1,234` may be a whole number until a later number has a decimal comma.
             ("a;b\n1,234;5\n0,5;6\n", "a,b\n1.234,5\n0.5,6\n"),
         ] {
             assert_eq!(converted(text).unwrap(), expected, "{text:?}");

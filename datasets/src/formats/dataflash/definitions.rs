@@ -16,7 +16,7 @@ pub(super) struct MessageDefinition {
     pub(super) length: u8,
     /// The columns of the message, one for each element of an array.
     pub(super) columns: Vec<RecordColumn>,
-    /// The field of each column, for units.
+    /// The index of the field of each column, for units.
     pub(super) fields: Vec<usize>,
     /// The format character of each field.
     formats: Vec<u8>,
@@ -36,7 +36,8 @@ impl MessageDefinition {
         if name.is_empty() || !printable(&name) || !labels.iter().all(|l| printable(l)) {
             return None;
         }
-        // Formats and labels longer than their fields are truncated, so the fields cannot be identified.
+        // Formats and labels that are too long for their part of the message are truncated, so the fields cannot be
+        // identified.
         if labels.len() != format.chars().count() {
             return None;
         }
@@ -133,7 +134,7 @@ impl FormatCharacter {
             'n' => (RecordFieldType::Text(4), 1.0),
             'N' => (RecordFieldType::Text(16), 1.0),
             'Z' => (RecordFieldType::Text(64), 1.0),
-            // Hundredths. Division gives the number nearest to the decimal number.
+            // Hundredths. Division by 100 gives the floating-point number that is nearest to the decimal value.
             'c' => (RecordFieldType::I16, 1e2),
             'C' => (RecordFieldType::U16, 1e2),
             'e' => (RecordFieldType::I32, 1e2),
@@ -162,7 +163,7 @@ fn unit_of(label: &str) -> &'static str {
 pub(super) struct DataflashUnits {
     /// The name of each unit character.
     names: Vec<(u8, String)>,
-    /// The number of each multiplier character.
+    /// The factor of each multiplier character.
     factors: Vec<(u8, f64)>,
     /// The unit and multiplier characters of each type.
     of: Vec<(u8, Vec<u8>, Vec<u8>)>,

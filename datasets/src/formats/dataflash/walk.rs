@@ -25,7 +25,7 @@ const AHEAD: usize = 1 << 10;
 /// A topic: the messages of one name and, if any, of one instance.
 pub(super) struct DataflashTopic {
     pub(super) instance: Option<String>,
-    /// The position of its definition.
+    /// The index of the definition in `layouts`.
     pub(super) layout: usize,
     /// Number of messages so far.
     pub(super) rows: u64,
@@ -34,7 +34,7 @@ pub(super) struct DataflashTopic {
 /// First definition of a message name in the file, and the topics of that name.
 pub(super) struct DataflashLayout {
     pub(super) definition: MessageDefinition,
-    /// Number of messages of the name under a later, different definition.
+    /// Number of messages of this name that have a later, different definition.
     pub(super) others: u64,
     /// The topic without an instance.
     plain: Option<usize>,
@@ -80,7 +80,7 @@ struct DataflashMessageType {
     length: u8,
     /// Definition; `None` if it is invalid.
     layout: Option<usize>,
-    /// Whether the definition of the type equals the definition of the name.
+    /// Whether the definition of the type equals the first definition of the message name.
     same: bool,
     /// Offset and length of the instance.
     instance: Option<(usize, RecordFieldType)>,
@@ -88,7 +88,7 @@ struct DataflashMessageType {
 
 /// State of the scan of a DataFlash log: definitions, topics and skipped messages.
 pub(super) struct DataflashScanState {
-    /// The units, of the whole file.
+    /// The units in the whole file.
     units: DataflashUnits,
     types: Vec<DataflashMessageType>,
     /// The bodies of the FMT messages that define the types; a repeated definition has no effect.
@@ -105,7 +105,7 @@ pub(super) struct DataflashScanState {
     pub(super) unreadable: u64,
     /// Number of messages of types with an invalid definition.
     pub(super) undefined: u64,
-    /// The names of these types, where they have one.
+    /// The names of the types with an invalid definition, if known, and the numbers of their messages.
     unnamed: HashMap<u8, (String, u64)>,
 }
 
@@ -116,12 +116,12 @@ enum DataflashMatch {
     Message(usize),
     /// The start of a message that the end of the file truncates.
     Cut,
-    /// Marks, and a type that is not defined.
+    /// The marks of a message with an undefined type.
     Unknown,
     Nothing,
 }
 
-/// Scanner of a DataFlash log: the file, the position in it and the state.
+/// Scanner of a DataFlash log: the file, the position in the file, and the state of the scan.
 pub(super) struct DataflashScanner {
     path: PathBuf,
     forward: ForwardReader<File>,
@@ -238,7 +238,7 @@ impl DataflashScanState {
         }
     }
 
-    /// The offset of the next valid message. If there is none, the number of bytes examined.
+    /// The offset of the next valid message. If there is no valid message, the number of bytes examined.
     fn next_message(&self, bytes: &[u8]) -> usize {
         let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
         let stands = |at: &usize| {
@@ -328,7 +328,7 @@ impl DataflashScanState {
         }
     }
 
-    /// The names without a readable message, each with the reason.
+    /// The message names of which no message is readable, each with the reason.
     pub(super) fn lost(&self) -> Vec<(String, String)> {
         let named = |(name, _): &&(String, u64)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
         let unread = self.unnamed.values().filter(named).filter(|(name, n)| *n > 0 && !self.names.contains_key(name));
