@@ -48,9 +48,9 @@ pub struct AnomalyGrid {
     pub height: GridHeight,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
-    /// Name of the format of its file; empty for a computed map.
+    /// Name of the file's format; empty for a computed map.
     pub format: &'static str,
-    /// Path of its file, for messages; empty for a computed map.
+    /// Path of the file, for messages; empty for a computed map.
     pub source: PathBuf,
     /// Notes on the processing of the file's values.
     pub notes: Vec<String>,
@@ -68,8 +68,8 @@ impl AnomalyGrid {
     /// A map from its axes and values, row by row from the south.
     ///
     /// # Errors
-    /// Fails for axes that have fewer than two nodes or do not ascend, degrees out of range, values or heights that are
-    /// infinite or differ in number from the nodes, or a map without a known value.
+    /// Fails for axes that have fewer than two nodes or do not ascend, degrees out of range, infinite values or
+    /// heights, more or fewer values or heights than nodes, or a map without a known value.
     pub fn new(
         x: EvenAxis,
         y: EvenAxis,
@@ -99,8 +99,8 @@ impl AnomalyGrid {
     /// Makes the checks of [`AnomalyGrid::new`].
     ///
     /// # Errors
-    /// Fails for axes of fewer than two nodes or with non-finite numbers, values or heights that differ in number from
-    /// the nodes, infinite values, or a grid without a known value.
+    /// Fails for axes of fewer than two nodes or with non-finite numbers, more or fewer values or heights than nodes,
+    /// infinite values, or a grid without a known value.
     pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
@@ -257,7 +257,7 @@ impl AnomalyGrid {
     /// The same map with other values, one per node, row by row from the south. The errors of the nodes are dropped.
     ///
     /// # Errors
-    /// Fails for values that differ in number from the nodes, infinite values, or a map without a known value.
+    /// Fails for more or fewer values than nodes, infinite values, or a map without a known value.
     pub fn with_plane_values(&self, values: Vec<f64>) -> Result<AnomalyGrid, ReadError> {
         let map = AnomalyGrid { anomaly_nt: values, error_nt: None, ..self.clone() };
         map.check()?;

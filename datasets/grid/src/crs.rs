@@ -8,7 +8,7 @@ use crate::ReadError;
 
 /// The code of WGS-84 latitude and longitude in degrees.
 pub const WGS84: u16 = 4326;
-/// Largest error of a conversion to degrees and back, in metres. For some old datums, the error is 0.25 m.
+/// Maximum error of a conversion to degrees and back, in metres. For some old datums, the actual error is 0.25 m.
 const ROUND_TRIP_M: f64 = 1.0;
 /// Largest difference between the longitude of a position and the central meridian of its UTM zone, in degrees. The
 /// widest zone, 32V, extends 6 degrees to one side.
@@ -100,7 +100,7 @@ impl Crs {
         self.projection.is_geographic()
     }
 
-    /// Metres per unit of its coordinates: 1 for metres, 0.3048 for feet. For degrees, the value is 1.
+    /// Metres per unit of the coordinates: 1 for metres, 0.3048 for feet. For degrees, the value is 1.
     pub fn unit_m(&self) -> f64 {
         self.projection.unit_m()
     }

@@ -78,7 +78,7 @@ impl MapTable {
     }
 }
 
-/// Rejects values that differ in number from the nodes.
+/// Checks that there is one value per node.
 ///
 /// # Errors
 /// Fails if there are more or fewer values.

@@ -16,7 +16,7 @@ pub fn turned(axis: &EvenAxis) -> Option<(EvenAxis, Vec<usize>)> {
     }
     let middle = 0.5 * (axis.first + axis.last());
     let rounds = ((middle + 180.0) / 360.0).floor();
-    // A middle of exactly 180 degrees is valid on both sides.
+    // A middle of exactly 180 degrees becomes -180; both are valid.
     let moved = EvenAxis { first: axis.first - 360.0 * rounds, ..*axis };
     (rounds != 0.0).then(|| (moved, (0..axis.len).collect()))
 }

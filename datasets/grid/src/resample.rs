@@ -29,8 +29,8 @@ type CoordinateRange = (f64, f64);
 
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
-    /// grid of latitude and longitude that covers the map. The spacing is at most that of the map. Nodes of a resampled
-    /// map are NaN if they lie outside the original map or within two nodes of an unknown node.
+    /// grid of latitude and longitude that covers the map. The spacing is at most the map's spacing. Nodes of a
+    /// resampled map are NaN if they lie outside the original map or within two nodes of an unknown node.
     ///
     /// # Errors
     /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, or coordinates that are invalid in their system.
@@ -42,7 +42,7 @@ impl AnomalyGrid {
     }
 
     /// The map in another coordinate system, on a grid that covers it. The nodes are whole multiples of `spacing` (in
-    /// units of that system, or degrees). By default, the spacing is at most that of the map, and the grid begins at
+    /// units of that system, or degrees). By default, the spacing is at most the map's spacing, and the grid begins at
     /// the edge of the map. Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ pub struct LineBatches {
     pub line: String,
     /// Rows, in the order of the file.
     pub parts: Vec<RecordBatch>,
-    /// The number of its rows.
+    /// The number of rows.
     pub rows: usize,
     /// First fault; the row is counted within the line.
     pub fault: Option<Fault>,

@@ -279,7 +279,7 @@ fn unwrapped(angles: &[f64]) -> Vec<f64> {
     angles.iter().map(one).collect()
 }
 
-/// Number of samples, and the row of the first sample.
+/// Number of samples, and the row of the first of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SampleTally {
     n: u64,

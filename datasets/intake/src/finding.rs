@@ -103,7 +103,7 @@ impl FileColumns {
         self.columns.get(ours).map_or("", |(_, unit)| unit)
     }
 
-    /// `units = { "name" = "unit" }`, for the columns `ours`.
+    /// The text `units = { "name" = "unit" }` for the columns `ours`.
     pub fn units(&self, ours: &[&str], unit: &str) -> String {
         if self.mapping {
             let names: Vec<String> = ours.iter().map(|o| format!("`{o}`")).collect();

@@ -25,7 +25,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) ->
     open_flight_among(flight_formats(), path, options, reading)
 }
 
-/// Opens a log, through the mapping `mapped` if any. With a mapping, the options rename columns of the mapping.
+/// Opens a log, through the mapping `mapped` if it is given. With a mapping, the options rename columns of the mapping.
 ///
 /// # Errors
 /// Returns the errors of [`open_flight`]. Also fails for a mapping that does not fit the file, or for a wrong new name.

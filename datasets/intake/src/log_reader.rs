@@ -8,7 +8,7 @@ use datasets::{
 
 /// An open log with the column names of the flight table, from its format or through a mapping.
 pub struct LogReader {
-    /// The name of its format.
+    /// The name of the log's format.
     pub format: &'static str,
     /// The schema of every batch; metadata `unit` is the unit of the values.
     pub schema: SchemaRef,

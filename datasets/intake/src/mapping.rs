@@ -1,4 +1,4 @@
-//! Meaning of a foreign log: a TOML file that assigns its columns, units, axes and clocks.
+//! Mappings of foreign logs: TOML files that declare the meaning of a log's columns, with units, axes and clocks.
 //!
 //! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns
 //! of a file before any row is read (`bind`). It then converts the rows batch by batch (`rows`). The format is
@@ -125,7 +125,7 @@ impl Mapping {
         &self.document.about
     }
 
-    /// The names of its tables.
+    /// The names of the mapping's tables.
     pub fn tables(&self) -> Vec<&str> {
         self.document.tables.iter().map(|t| t.name.as_str()).collect()
     }
@@ -190,12 +190,12 @@ impl MappingTable {
         &self.mapping
     }
 
-    /// The topic that it reads.
+    /// The topic that the table reads.
     pub fn topic(&self) -> Option<&str> {
         self.decl()?.head.value.topic.as_deref()
     }
 
-    /// The format of its files, if given.
+    /// The format of the table's files, if given.
     pub fn format(&self) -> Option<String> {
         self.decl()?.head.value.format.clone()
     }
@@ -207,7 +207,7 @@ impl MappingTable {
         glob::Pattern::new(pattern).is_ok_and(|p| p.matches(&name))
     }
 
-    /// Key of its text.
+    /// Hash of the mapping's text and the table's name, part of the keys of results that depend on them.
     pub fn key(&self) -> HashKey {
         HashKey::from_parts([VERSION, &self.mapping.text, self.name()])
     }
@@ -244,7 +244,7 @@ impl MappingTable {
         let mut log = self.open_once(path, (options, &raw), reading, formats)?;
         let repeated_rows = repeated_rows(decl).map_err(|fault| self.mapping.wrong(vec![fault]))?;
         if repeated_rows != RepeatedRows::Keep {
-            // The number of these rows is reported before the rows are returned, so all rows are read here once to
+            // The number of repeated rows is reported before any row is returned, so all rows are read here once to
             // count them.
             let (_, rows) = self.rows(path, (options, &raw), reading, formats)?;
             let count = rows.repeated();

@@ -175,7 +175,7 @@ impl QualityLine<'_> {
         }
     }
 
-    /// Years and days are whole numbers.
+    /// Examines a column of whole numbers, such as years and days.
     fn whole_numbers(&mut self, i: usize, name: &str, accepted: bool) {
         let Some(limits) = limits(name) else { return };
         let array = self.columns[i].as_primitive::<Int64Type>();
@@ -193,7 +193,7 @@ impl QualityLine<'_> {
         }
     }
 
-    /// The magnitude of each vector magnetometer, after its components.
+    /// Examines the magnitude of each vector magnetometer. The components have already been examined.
     fn vectors(&mut self, schema: &Schema, accepted: bool) {
         for (at, vector) in vectors(schema) {
             let faulty =

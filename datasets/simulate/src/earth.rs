@@ -89,9 +89,9 @@ const STEP_S: f64 = 1e-3;
 ///
 /// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B). C is the attitude and ω the exact angular rate of the body
 /// relative to north-east-down. dB/dt = (v·∇)B + ∂B/∂t is the rate of the components north, east and down. The rate is
-/// computed from the field at 1 ms ahead and 1 ms behind on the tangent of the track, so it does not depend on the
-/// sample rate of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at
-/// 60 m/s. The core field's secular variation, below 1e-5 nT/s, is not included in the rate.
+/// computed from the field 1 ms ahead and 1 ms behind on the tangent of the track, so it does not depend on the sample
+/// rate of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at 60
+/// m/s. The core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
 /// Fails for a line that leaves the known part of the map, descends below the map or crosses a source, for a time

@@ -280,7 +280,7 @@ fn exact(truth: &TrueTrajectory) -> [Vec<f64>; 12] {
     .map(<[f64]>::to_vec)
 }
 
-/// The latitude (-90 to 90) and longitude (-180 to 180) of angles of any size, in degrees.
+/// Converts angles of any size to a latitude (-90 to 90) and a longitude (-180 to 180), in degrees.
 fn on_the_globe(lat_deg: f64, lon_deg: f64) -> (f64, f64) {
     if lat_deg.abs() <= 90.0 {
         return (lat_deg, wrap_deg(lon_deg));

@@ -63,7 +63,7 @@ pub use trajectory::{
     Wind,
 };
 
-/// Simulation of a checked spec, before its run.
+/// Simulation of a checked spec that has not been run.
 #[derive(Debug)]
 pub struct Simulation {
     path: PathBuf,
@@ -206,8 +206,8 @@ pub fn synthesise_with(
         .map(|n| (to.join(format!(".{n}.{own}.parquet.partial")), to.join(format!("{n}.parquet"))))
         .collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
-        // Flights after a failed flight are skipped. Flights before it are simulated, because an earlier fault is
-        // reported first.
+        // Flights after a failed flight are skipped. Earlier flights are still simulated, because a fault of an earlier
+        // flight is reported first.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
         let lines = LineSimulator::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let counted = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));

@@ -23,7 +23,7 @@ impl SynthLineContext<'_> {
         self.line.fly_on(spec.components.on("turbulence"), spec.rate_hz, gusts_deg, &mut self.random("gusts"))
     }
 
-    /// The columns that depend on the line's own truth alone.
+    /// The columns that depend only on the truth of the line.
     pub(super) fn around(
         &self,
         truth: &TrueTrajectory,

@@ -25,7 +25,7 @@ impl RandomStream {
         RandomStream { generator: ChaCha12Rng::from_seed(*hash.finalize().as_bytes()), spare: None }
     }
 
-    /// A number with a uniform distribution above 0, up to 1.
+    /// A uniformly distributed number, above 0 and at most 1.
     pub(super) fn uniform(&mut self) -> f64 {
         ((self.generator.next_u64() >> 11) + 1) as f64 / (1u64 << 53) as f64
     }

@@ -94,7 +94,8 @@ fn doubted(path: &Path, name: &str, wanted: &str, declared: Option<&str>) -> Res
     }
 }
 
-/// Every name in `rename` and `units` must be a name in the file.
+/// Checks that every name in `units` is a name in the file, and every name in `rename` a name in the file or of a
+/// derived column.
 fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOptions) -> Result<(), ReadError> {
     let names: Vec<&String> = own.iter().chain(made).collect();
     if let Some(missing) = options.rename.keys().find(|k| !names.contains(k)) {
@@ -116,7 +117,7 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
 /// flight or line.
 pub(super) fn adopt(path: &Path, raw: RawFlight, options: &FlightOptions) -> Result<RawFlight, ReadError> {
     let names: Vec<String> = raw.schema.fields().iter().map(|f| f.name().clone()).collect();
-    // A column `alt [ft]` can be renamed, and given another unit, under both names.
+    // A column `alt [ft]` can be renamed, and given another unit, as `alt [ft]` or as `alt`.
     let heads = names.iter().flat_map(|name| [name.as_str(), name_of_head(name)]);
     let heads: Vec<String> = heads.map(str::to_owned).collect();
     check_names(path, raw.own.as_deref().unwrap_or(&heads), &names, options)?;

@@ -67,7 +67,7 @@ pub struct RawFlight {
     pub schema: SchemaRef,
     /// The rows.
     pub parts: FlightBatches,
-    /// The file's names of its columns, if the format has already set names and units.
+    /// The names of the columns in the file, if the format has already set names and units.
     pub own: Option<Vec<String>>,
     /// Whether the values still contain numbers that mark missing values.
     pub fillers: bool,
@@ -99,7 +99,7 @@ impl RawFlight {
 }
 
 impl FlightReader {
-    /// Name of the format of its file.
+    /// Name of the file's format.
     pub fn format(&self) -> &'static str {
         self.format.name
     }

@@ -44,7 +44,7 @@ struct DecimalLiteral {
     count: usize,
     /// Exponent of ten.
     exponent: i64,
-    /// The position after it.
+    /// The position after the number.
     end: usize,
 }
 
@@ -105,7 +105,7 @@ fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     (value, at)
 }
 
-/// Number of eight digits, the first in the lowest byte. A zero byte counts as the digit 0.
+/// The number that eight digits form, the first digit in the lowest byte. A zero byte counts as the digit 0.
 #[inline(always)]
 fn eight_digits(word: u64) -> u64 {
     const EVERY_FOURTH: u64 = 0x0000_00FF_0000_00FF;

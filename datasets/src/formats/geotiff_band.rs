@@ -114,7 +114,7 @@ fn plain_image(path: &Path, index: usize) -> Result<TiffSamples, ReadError> {
     image(path, &mut decoder)
 }
 
-/// Whether each cell is known, by the mask at a position among the images.
+/// Whether each cell is known, by the mask with this index among the images.
 fn mask(path: &Path, index: usize, width: usize, height: usize) -> Result<Vec<bool>, ReadError> {
     let mut bytes = bytes_of(path)?;
     let wrong = |what: String| ReadError::data(path, format!("the mask of the file {what}"));

@@ -164,7 +164,7 @@ pub(super) struct Hdf5Dataset {
     /// Lengths of the dimensions, the number of rows first.
     pub(super) shape: Vec<u64>,
     set: Dataset,
-    /// Position of the values in a layout that the reader does not support.
+    /// Position of the values in a layout that `hdf5-reader` does not support.
     early: Option<Hdf5LegacyLayout>,
     /// The conversion of the stored numbers, if attributes describe a conversion.
     storage: Option<NetcdfEncoding>,

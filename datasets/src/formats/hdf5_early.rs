@@ -25,7 +25,7 @@ pub(super) enum Hdf5LegacyLayout {
 }
 
 /// The values of a data set with an early layout, whose header is `header` bytes after `base`, the start of the HDF5
-/// data in the file. `None` for any other layout, and for a damaged header, which the reader reports.
+/// data in the file. `None` for any other layout, and for a damaged header, which `hdf5-reader` reports.
 pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Hdf5LegacyLayout> {
     let mut file = File::open(path).ok()?;
     let first = bytes(&mut file, base.checked_add(header)?, 16)?;

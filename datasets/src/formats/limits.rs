@@ -25,7 +25,7 @@ pub(super) struct DecodeLimit {
 }
 
 impl DecodeLimit {
-    /// The limit of a file of `bytes` bytes.
+    /// The limit for a file of `file` bytes.
     pub(super) fn new(file: u64) -> DecodeLimit {
         DecodeLimit { file, parts: Mutex::default() }
     }

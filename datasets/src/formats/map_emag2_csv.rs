@@ -144,7 +144,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// Passes each row to a function, which returns the reason for rejecting it.
+/// Passes each row to the function `take`, which returns a reason if it rejects the row.
 fn rows_of(path: &Path, column: usize, mut take: impl FnMut(Emag2Row) -> Option<String>) -> Result<(), ReadError> {
     let mut lines = BufReader::with_capacity(1 << 20, TextFile::open(path)?);
     let mut line = String::new();

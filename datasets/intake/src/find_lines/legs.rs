@@ -137,7 +137,7 @@ impl FlightSegments {
         turning
     }
 
-    /// Computes the power of the angles on a leg, and detects their manoeuvres.
+    /// Computes the power of the angles on a leg, and detects the manoeuvres.
     fn manoeuvres(&mut self, motion: &FlightMotion, leg: &mut StraightLeg) {
         let settle = (SETTLE_S * RATE_HZ) as usize;
         let inner = leg.rows.start + settle..leg.rows.end.saturating_sub(settle);

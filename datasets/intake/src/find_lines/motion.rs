@@ -55,7 +55,7 @@ pub struct FlightChannels {
 /// Motion of a flight at 5 Hz; NaN where unknown.
 #[derive(Clone, Debug, Default)]
 pub struct FlightMotion {
-    /// Times, multiples of the step, in seconds past midnight UTC.
+    /// Times at multiples of the time step, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Distance north of the first position, in metres.
     pub north_m: Vec<f64>,
@@ -152,7 +152,7 @@ pub fn runs(holds: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
     found
 }
 
-/// Multiples of the step from the first to the last of all times.
+/// Multiples of the time step from the first to the last of all times.
 fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     /// Maximum number of samples: ten days.
     const MOST: f64 = 10.0 * 86_400.0 * RATE_HZ;

@@ -209,7 +209,7 @@ impl SegmentedFlight<'_> {
         self.line(kind, rows, manoeuvres)
     }
 
-    /// Whether a leg only connects a line with the adjacent one.
+    /// Whether a leg only connects a line with the adjacent line.
     fn connects(&self, number: usize) -> bool {
         let legs = &self.parts.legs;
         let near = number.checked_sub(1).and_then(|before| legs.get(before)).zip(legs.get(number + 1));

@@ -34,7 +34,7 @@ pub enum KeySource {
 pub struct MappingBinding {
     /// Fields of the output: flight, line, tt, the date if known, and the other columns.
     pub schema: SchemaRef,
-    /// The flight and the line.
+    /// Sources of the flight and of the line.
     pub keys: [KeySource; 2],
     /// The clock.
     pub time: TableClock,

@@ -65,7 +65,7 @@ impl UtcInstant {
     }
 
     /// The instant of a GPS week and the seconds since its start. `leap_s` is GPS time minus UTC; by default the value
-    /// of the date. Returns `None` before 1980.
+    /// at that date. Returns `None` before 1980.
     pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<UtcInstant> {
         let gps = UtcInstant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
         if gps.day < GPS_DAY {
@@ -79,7 +79,7 @@ impl UtcInstant {
         Some(gps.plus(-leap))
     }
 
-    /// Seconds since the midnight of a day.
+    /// Seconds since midnight at the start of the day `day`.
     pub fn seconds_since(self, day: i64) -> f64 {
         (self.day - day) as f64 * DAY_S + self.s
     }
@@ -90,19 +90,19 @@ impl UtcInstant {
     }
 }
 
-/// The year and the day of the year of a day since 1970-01-01; `None` outside of the years -262143 to 262142.
+/// The year and the day of the year, for a day counted from 1970-01-01; `None` outside of the years -262143 to 262142.
 pub fn year_and_day(day: i64) -> Option<(i64, i64)> {
     let date = NaiveDate::from_num_days_from_ce_opt(i32::try_from(day.checked_add(UNIX_DAY)?).ok()?)?;
     Some((i64::from(date.year()), i64::from(date.ordinal())))
 }
 
-/// The date of a day since 1970-01-01 as `2012-10-10`.
+/// The date in the form `2012-10-10`, for a day counted from 1970-01-01.
 pub fn date_text(day: i64) -> String {
     let date = i32::try_from(day + UNIX_DAY).ok().and_then(NaiveDate::from_num_days_from_ce_opt);
     date.map_or_else(|| format!("day {day}"), |d| d.format("%Y-%m-%d").to_string())
 }
 
-/// The day since 1970-01-01 of a date such as `2012-10-10`.
+/// The day, counted from 1970-01-01, for a date such as `2012-10-10`.
 pub fn read_date(text: &str) -> Option<i64> {
     let date = NaiveDate::parse_from_str(text.trim(), "%Y-%m-%d").ok()?;
     Some(i64::from(date.num_days_from_ce()) - UNIX_DAY)
@@ -300,7 +300,8 @@ mod tests {
         assert!((at.s - (23.0 * 3600.0 + 44.0 * 60.0 + 25.4)).abs() < 1e-6, "{at:?}");
         let at = UtcInstant::of_gps(1768, 511_214.5, None).unwrap();
         assert_eq!((date_text(at.day).as_str(), at.s), ("2013-11-29", 79_198.5));
-        // The leap second of 2016: GPS week 1930, 17 s before midnight and 18 s after.
+        // The leap second at the end of 2016, in GPS week 1930: GPS time is 17 s ahead of UTC before it, and 18 s after
+        // it.
         let before = UtcInstant::of_gps(1930, 16.0, None).unwrap();
         assert_eq!((date_text(before.day).as_str(), before.s), ("2016-12-31", 86_399.0));
         let after = UtcInstant::of_gps(1930, 18.0, None).unwrap();

@@ -22,9 +22,9 @@ pub struct MappingFit {
     pub mapping: Arc<Mapping>,
     /// Name in the key `mapping`.
     pub name: &'static str,
-    /// The names of its tables that read the log.
+    /// The names of the mapping's tables that read the log.
     pub tables: Vec<String>,
-    /// The names of its other tables.
+    /// The names of the mapping's other tables.
     pub missing: Vec<String>,
     /// Whether the mapping requires a start time that the log does not contain, for example because the log has no GNSS
     /// fix.
@@ -77,7 +77,7 @@ pub fn firmware(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) 
     all.find(|text| words.iter().any(|word| text.to_lowercase().contains(word)))
 }
 
-/// The topics of a log, whose columns are read once.
+/// The topics of a log. The columns of each topic are read once.
 struct LogTopics<'a> {
     path: &'a Path,
     options: &'a FlightOptions,

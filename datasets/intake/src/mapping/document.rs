@@ -1,4 +1,4 @@
-//! The text of a mapping: its tables, with the position of everything in it.
+//! The text of a mapping: its tables, with the positions of all keys and values.
 
 use std::ops::Range;
 

@@ -25,7 +25,7 @@ pub struct LogEpoch {
     pub note: String,
 }
 
-/// Maximum range of the difference between two clocks over all rows, in seconds. A larger change means that a clock was
+/// Maximum range of the difference between two clocks over all rows, in seconds. A larger range means that a clock was
 /// adjusted.
 const SET_S: f64 = 5.0;
 

@@ -304,7 +304,7 @@ pub(super) fn angle_fields<T>(
     true
 }
 
-/// The columns that the mapping does not name, under their own names.
+/// Adds the columns that the mapping does not name, under their names in the file.
 pub(super) fn others(decl: &TableDecl, columns: &mut MappingColumns, made: &mut ColumnRecipes) {
     let named = |name: &String| {
         decl.columns.iter().any(|(_, c)| c.value.from.as_ref() == Some(name))

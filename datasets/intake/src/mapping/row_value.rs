@@ -33,7 +33,7 @@ impl RowExpression {
         Ok(RowExpression { expression, reads })
     }
 
-    /// The type of its values.
+    /// The type of the expression's values.
     pub fn data_type(&self) -> &DataType {
         &self.expression.data_type
     }

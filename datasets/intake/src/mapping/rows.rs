@@ -20,9 +20,9 @@ use super::{
 /// Treatment of rows that repeat the time of the previous row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RepeatedRows {
-    /// Their time remains.
+    /// The rows keep this time.
     Keep,
-    /// They are dropped.
+    /// The rows are dropped.
     Drop,
     /// The rows follow the first row of that time at this rate, in Hz.
     AtRate(f64),

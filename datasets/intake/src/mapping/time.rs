@@ -78,7 +78,7 @@ enum GpsWeek {
 #[derive(Clone, Debug)]
 pub struct TableClock {
     source: ClockSource,
-    /// Seconds east of Greenwich; `None` for UTC.
+    /// Offset of local time from UTC in seconds, positive east of Greenwich; `None` for UTC.
     zone_s: Option<f64>,
     /// The local date of the next row, for a clock that counts from midnight.
     day: Option<i64>,
@@ -137,7 +137,7 @@ impl TableClock {
         }
     }
 
-    /// Whether it counts from the start of the log.
+    /// Whether the clock counts from the start of the log.
     pub fn is_boot(&self) -> bool {
         matches!(self.source, ClockSource::Boot { .. })
     }
@@ -367,7 +367,7 @@ fn of_column(
 pub struct BootColumn(CounterColumn);
 
 impl BootColumn {
-    /// A column in a unit that the mapping or the file gives.
+    /// Binds the column `name`, in a unit that the mapping or the file gives.
     pub fn new(
         name: &str,
         unit: Option<&str>,

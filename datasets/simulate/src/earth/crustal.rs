@@ -237,7 +237,7 @@ impl CrustalMap {
     }
 }
 
-/// The change of the magnitude of `core` by `b`, without cancellation.
+/// The change of the magnitude of `core` if `b` is added, computed without cancellation.
 pub(super) fn change_of_magnitude(core: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (2.0 * core + b).dot(b) / ((core + b).norm() + core.norm())
 }
@@ -345,7 +345,7 @@ impl CrustalLevelStack {
         Ok(CrustalLevelStack { rungs: rungs? })
     }
 
-    /// The quantities at a height above the map.
+    /// The components and the residual at a height above the map.
     fn at(&self, cell: CrustalMapCell, up_m: f64, steps_m: [f64; 2]) -> CrustalComponents {
         let over = self.rungs.partition_point(|(rung_m, _)| *rung_m <= up_m);
         let (Some((low_m, low)), Some((high_m, high))) = (self.rungs.get(over.saturating_sub(1)), self.rungs.get(over))

@@ -142,7 +142,7 @@ impl<'a> SynthSection<'a> {
         self.push(fault.at(at));
     }
 
-    /// Records a fault at bytes of the spec.
+    /// Records a fault that already has a position in the spec.
     pub(crate) fn push(&self, fault: Fault) {
         self.faults.borrow_mut().push(fault);
     }

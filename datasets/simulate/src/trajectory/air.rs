@@ -27,7 +27,7 @@ params! {
 impl Copy for Wind {}
 
 impl Wind {
-    /// Velocity of the air, if the same at all heights.
+    /// Velocity of the air, if it is the same at all heights.
     pub(super) fn same_mps(&self) -> Option<(f64, f64)> {
         match self.speed_mps == 0.0 && self.shear_mps_per_km == 0.0 {
             true => Some((0.0, 0.0)),
@@ -62,9 +62,8 @@ pub(super) struct GustStatistics {
     pub(super) length_m: [f64; 3],
 }
 
-/// Gusts above 2000 feet: heights in feet, and the standard deviations in ft/s that light, moderate and
-/// severe turbulence have there (exceeded with a probability of 1e-2, 1e-3 and 1e-5).
-/// [MIL-F-8785C, figure 7]
+/// Gusts above 2000 feet: heights in feet, and the standard deviations in ft/s of light, moderate and severe turbulence
+/// at these heights (exceeded with a probability of 1e-2, 1e-3 and 1e-5). [MIL-F-8785C, figure 7]
 const HIGH: [(f64, [f64; 3]); 12] = [
     (500.0, [6.6, 8.6, 15.6]),
     (1750.0, [6.9, 9.6, 17.6]),

@@ -209,7 +209,7 @@ pub(super) struct GustSimulator {
 }
 
 impl GustSimulator {
-    /// An aircraft after the spin-up of the gusts; steps of `h` seconds.
+    /// Creates the simulation with steps of `h` seconds, and advances it by [`BEFORE`] steps.
     pub(super) fn new(
         turbulence: &Turbulence,
         dynamics: &Dynamics,

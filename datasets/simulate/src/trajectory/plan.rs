@@ -19,7 +19,7 @@ const SETTLE_S: f64 = 5.0;
 const ROUNDING_S: f64 = 5.0;
 /// Maximum distance per step of the timing, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
-/// The largest latitude of a line, in degrees.
+/// Maximum absolute latitude of a line, in degrees.
 const HIGHEST_DEG: f64 = 89.0;
 /// The strongest wind in which a line is planned, as a fraction of the airspeed.
 const STRONGEST: f64 = 0.8;
@@ -72,7 +72,7 @@ pub(super) struct TrajectoryPlan {
     profile: RouteHeightProfile,
     airspeed_mps: f64,
     pub(super) air: FlightConditions,
-    /// The wind, if the same at all heights: north and east, in m/s.
+    /// The wind, if it is the same at all heights: north and east, in m/s.
     same_wind_mps: Option<(f64, f64)>,
     pub(super) duration_s: f64,
     manoeuvres: Vec<AttitudeManoeuvre>,

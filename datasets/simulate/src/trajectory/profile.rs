@@ -38,8 +38,8 @@ impl RouteHeightProfile {
         Ok(Self { knots, rounding_m })
     }
 
-    /// Lowest profile above a surface with a slope of at most `steepest`, so a climb can begin before the surface
-    /// rises. The surface is straight between its heights.
+    /// The lowest profile that stays above a surface and has a slope of at most `steepest`. A climb can therefore begin
+    /// before the surface rises. The surface is straight between its heights.
     pub(super) fn drape(surface: &[(f64, f64)], steepest: f64, rounding_m: f64) -> Self {
         let given = Self { knots: surface.to_vec(), rounding_m };
         let end_m = surface.last().map_or(0.0, |k| k.0);

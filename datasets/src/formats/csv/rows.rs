@@ -189,8 +189,8 @@ impl<'a> CsvRows<'a> {
         rows
     }
 
-    /// Appends the row at `start` and returns its end, if it has a value for each column, no quotes and no fault;
-    /// otherwise some of its values remain appended.
+    /// Appends the row at `start` and returns the row's end, if the row has a value for each column, no quotes and no
+    /// fault. Otherwise some of the row's values remain appended.
     #[inline]
     fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
         let last = self.columns.len().checked_sub(1)?;

@@ -232,7 +232,7 @@ impl CsvBlockScanner<'_> {
         look.answer
     }
 
-    /// Scans the row at `start` and returns its end, if it has a value for each column and no quotes.
+    /// Scans the row at `start` and returns the row's end, if the row has a value for each column and no quotes.
     #[inline]
     fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
         let last = self.open.len().checked_sub(1)?;

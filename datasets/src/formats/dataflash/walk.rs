@@ -292,7 +292,7 @@ impl DataflashScanState {
             _ => return,
         }
         let definition = MessageDefinition::parse(body).map(|(_, definition)| definition);
-        // The length of the message is used even without a definition.
+        // The length of the message is used even if the definition is invalid.
         if definition.is_none() {
             self.unreadable += 1;
             let name = text(body.get(2..6).unwrap_or_default());

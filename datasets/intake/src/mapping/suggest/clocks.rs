@@ -17,7 +17,7 @@ pub struct ClockGuess {
     pub column: String,
     /// Unit.
     unit: &'static str,
-    /// Whether it counts from the start of the log.
+    /// Whether the clock counts from the start of the log.
     boot: bool,
     /// Rows that repeat the time of the previous row.
     pub repeats: RepeatedTimes,
@@ -28,7 +28,7 @@ pub struct ClockGuess {
 }
 
 impl ClockGuess {
-    /// Whether it counts from the start of the log.
+    /// Whether the clock counts from the start of the log.
     pub fn is_boot(&self) -> bool {
         self.boot
     }

@@ -17,7 +17,7 @@ pub struct ColumnGuess {
     pub toml: String,
     /// Reason for the guess.
     pub why: String,
-    /// Whether it is a vector.
+    /// Whether the suggestion is for a vector.
     pub is_vector: bool,
 }
 
@@ -93,7 +93,7 @@ fn numbered(mut guess: ColumnGuess, taken: &[ColumnGuess]) -> ColumnGuess {
     guess
 }
 
-/// Three columns whose names differ only in x, y, z or 0, 1, 2, with their common words.
+/// Three columns whose names differ only in x, y, z or 0, 1, 2, with the words that these names have in common.
 fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
     let mut out: Vec<([&ColumnSample; 3], Vec<String>)> = vec![];
     for x in &topic.columns {

@@ -1,4 +1,4 @@
-//! The first rows of a table: the range of each column.
+//! A sample of the first rows of a table, by column.
 
 use arrow_array::{Array, ArrayRef, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
