@@ -180,8 +180,8 @@ impl InsInitialErrors {
         }
         put(ALT, self.altitude_m.as_ref().map(std::slice::from_ref), -1.0);
         put(VN, self.velocity_mps.as_ref().map(<[f64; 3]>::as_slice), -1.0);
-        // The sign stays: the tilt state is the rotation from the true attitude to the INS attitude, like the given
-        // tilt.
+        // The sign is unchanged, because the tilt state is the rotation from the true attitude to the INS attitude,
+        // like the given tilt.
         put(TILT_N, self.tilt_deg.map(|tilt| tilt.map(f64::to_radians)).as_ref().map(<[f64; 3]>::as_slice), 1.0);
         put(ACC, self.acc_bias_mps2.as_ref().map(<[f64; 3]>::as_slice), -1.0);
         put(GYRO, self.gyro_bias_radps.as_ref().map(<[f64; 3]>::as_slice), -1.0);

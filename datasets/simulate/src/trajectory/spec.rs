@@ -61,7 +61,7 @@ pub(in super::super) fn flights(root: &SynthSection, air: &FlightConditions) -> 
 /// Default time from the end of a line to the start of the next line, in seconds.
 const PAUSE_S: f64 = 60.0;
 
-/// The copies of a flight.
+/// The flights of one table `flights`: one flight, or the number of copies in `copies`.
 fn copies_of(s: &SynthSection, air: &FlightConditions) -> Vec<SynthFlight> {
     let Some(keys) = s.some_keys::<FlightKeys>() else { return vec![] };
     let name = keys.name.clone();

@@ -18,7 +18,7 @@ pub enum QuantitySpec<T> {
 }
 
 impl QuantitySpec<Matrix3<f64>> {
-    /// Whether every draw is zero.
+    /// Whether the matrix is zero, given or drawn.
     pub(crate) fn is_none(&self) -> bool {
         match self {
             QuantitySpec::Exact(matrix) => *matrix == Matrix3::zeros(),
