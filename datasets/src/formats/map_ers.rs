@@ -33,7 +33,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The file that holds the values of a raster, from the raster's header.
+/// Path of the binary file with the values, as named in the header.
 ///
 /// # Errors
 /// Fails for a header that cannot be read.
@@ -77,7 +77,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// The entries of the header by their blocks, lower case: `rasterinfo.cellinfo.xdimension`.
+/// Entries of the header; a key consists of the names of its blocks and of the entry, such as
+/// `rasterinfo.cellinfo.xdimension`, in lower case.
 struct ErsHeader<'a> {
     path: &'a Path,
     entries: BTreeMap<String, String>,
@@ -115,7 +116,7 @@ impl<'a> ErsHeader<'a> {
         if self.entries.contains_key(key) { self.number(key) } else { Ok(default) }
     }
 
-    /// The centres of the cells: the registered coordinate is the north-west corner of the registered cell.
+    /// Axes of the cell centres. The registered coordinate is the north-west corner of its cell, not the centre.
     fn axes(&self, width: usize, height: usize) -> Result<(FileAxis, FileAxis), ReadError> {
         let (dx, dy) = (self.number("rasterinfo.cellinfo.xdimension")?, self.number("rasterinfo.cellinfo.ydimension")?);
         let place = |keys: [&str; 3]| {
@@ -133,7 +134,7 @@ impl<'a> ErsHeader<'a> {
         Ok((x, y))
     }
 
-    /// The unit of eastings and northings; for degrees, programs write arbitrary words.
+    /// The unit of eastings and northings. It is ignored for degrees, because programs write arbitrary words there.
     fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
         let text = |key: &str| self.text(key).unwrap_or_default();
         let degrees = text("coordinatespace.coordinatetype").eq_ignore_ascii_case("LL")
@@ -160,7 +161,8 @@ impl<'a> ErsHeader<'a> {
     }
 }
 
-/// Datums: name, EPSG code of the system in degrees, and bases of the EPSG codes of UTM zones in the north and south.
+/// Datums: name, EPSG code of the system in degrees, and bases of the EPSG codes of northern and of southern UTM zones;
+/// a code is the base plus the zone.
 const DATUMS: [(&str, u16, Option<u16>, Option<u16>); 9] = [
     ("WGS84", 4326, Some(32600), Some(32700)),
     ("GDA94", 4283, None, Some(28300)),
@@ -183,7 +185,7 @@ fn code_of(datum: &str, projection: &str) -> Option<u16> {
     northern.or_else(|| ["SUTM", "MGA", "TMAMG", "AMG"].into_iter().find_map(|p| Some((*south)? + zone(p)?)))
 }
 
-/// Datum and projection of a code; the code itself if ER Mapper has no name for it.
+/// ER Mapper's names of the datum and projection of an EPSG code; `EPSG:` and the code for other systems.
 fn names_of(code: u16) -> (String, String) {
     for (datum, degrees, north, south) in DATUMS {
         if code == degrees {
@@ -199,7 +201,7 @@ fn names_of(code: u16) -> (String, String) {
     (format!("EPSG:{code}"), format!("EPSG:{code}"))
 }
 
-/// A number, or degrees, minutes and seconds separated by colons.
+/// Parses an angle: a number, or degrees, minutes and seconds separated by colons.
 fn angle(text: &str) -> Option<f64> {
     let sign = if text.trim().starts_with('-') { -1.0 } else { 1.0 };
     let mut parts = text.trim().trim_start_matches(['-', '+']).split(':').map(|p| p.trim().parse::<f64>().ok());
@@ -210,7 +212,7 @@ fn angle(text: &str) -> Option<f64> {
     parts.next().is_none().then_some(sign * value)
 }
 
-/// The type of a cell.
+/// Number type of the cells.
 struct ErsCellType {
     size: usize,
     float: bool,
@@ -238,7 +240,7 @@ impl ErsCellType {
         Ok(ErsCellType { size, float, signed, big })
     }
 
-    /// The value of its bytes.
+    /// The value of a cell from its bytes.
     fn value(&self, bytes: &[u8]) -> f64 {
         let mut wide = [0_u8; 8];
         for (i, byte) in bytes.iter().enumerate() {
@@ -279,7 +281,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     outputs.finish(cells)
 }
 
-/// ER Mapper's name of a unit of eastings and northings; a number for other units.
+/// ER Mapper's name of a unit of eastings and northings; `UNKNOWN` for other units.
 fn length_units(unit_m: f64) -> &'static str {
     let is = |known_m: f64| ((unit_m - known_m) / known_m).abs() < 1e-9;
     match unit_m {

@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The words of the header.
+/// The keys of the header.
 const KEYS: [&str; 10] =
     ["ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"];
 
@@ -53,7 +53,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         Ok::<_, ReadError>(if key == corner { at + 0.5 * step } else { at })
     };
     let (west, south) = (place("xllcorner", "xllcenter", dx)?, place("yllcorner", "yllcenter", dy)?);
-    // The default of the format.
+    // -9999 is the default of the format.
     let unknown = head.get("nodata_value").copied().unwrap_or(-9999.0);
     let known = |v: f64| if is_marker(v, unknown) { f64::NAN } else { v };
     let values = numbers(path, &mut words, width * height)?.into_iter().map(known).collect();
@@ -94,7 +94,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     outputs.finish(prj)
 }
 
-/// A number that differs from all values, for unknown nodes.
+/// A number that marks unknown nodes, because it differs from all values.
 pub(super) fn unused(values: &[f64]) -> f64 {
     let mut candidate = -99_999.0;
     while values.contains(&candidate) {

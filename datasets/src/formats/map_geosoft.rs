@@ -31,7 +31,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 
 /// Length of the header.
 const HEADER: usize = 512;
-/// Value that is added to the bytes per element of a compressed grid.
+/// In the header of a compressed grid, the number of bytes per element is increased by this value.
 const COMPRESSED: i32 = 1024;
 /// Bytes at the start of each compressed block that are not part of its deflated data.
 const BLOCK_HEAD: usize = 16;
@@ -97,8 +97,8 @@ struct GeosoftHeader {
     elements: i32,
     /// Number of vectors.
     vectors: i32,
-    /// 1 if a vector is a row from the west and the first is the southernmost; -1 if a vector is a column from the
-    /// south and the first is the westernmost.
+    /// 1: vectors are rows that start in the west, and the first vector is the southernmost row. -1: vectors are
+    /// columns that start in the south, and the first vector is the westernmost column.
     order: i32,
     /// Distances between elements and between vectors.
     steps: [f64; 2],
@@ -190,10 +190,10 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// The elements of a compressed grid of `needed` bytes.
+/// Decompresses the elements of a grid, which must be `needed` bytes.
 fn inflate(path: &Path, bytes: &[u8], needed: usize) -> Result<Vec<u8>, ReadError> {
     let mut fields = FieldCursor::new(path, bytes.get(HEADER..).unwrap_or_default());
-    // A signature and the type of the compression.
+    // Skips a signature and the type of the compression.
     fields.take(8)?;
     let (blocks, _) = (fields.i32()?, fields.i32()?);
     let blocks = usize::try_from(blocks).unwrap_or(0);
@@ -222,7 +222,7 @@ fn inflate(path: &Path, bytes: &[u8], needed: usize) -> Result<Vec<u8>, ReadErro
     Ok(out)
 }
 
-/// Unsigned integers of 8 bytes.
+/// Little-endian 64-bit unsigned integers.
 fn eights(bytes: &[u8]) -> Vec<u64> {
     bytes.as_chunks::<8>().0.iter().map(|b| u64::from_le_bytes(*b)).collect()
 }

@@ -112,7 +112,7 @@ impl Georeference {
     }
 }
 
-/// The code of user-defined values.
+/// The code that marks a GeoTIFF key as user-defined.
 const USER_DEFINED: u16 = 32_767;
 
 /// The length that the file defines as its unit, in metres.
@@ -127,7 +127,7 @@ fn own_unit(path: &Path, decoder: &mut TiffDecoder, keys: &[u16]) -> Result<Axis
     Ok(AxisUnit::Length(format!("units of {size} m"), size))
 }
 
-/// x of column 0 and its step, y of row 0 and its step.
+/// x of column 0, step of x, y of row 0 and step of y.
 fn affine(path: &Path, decoder: &mut TiffDecoder) -> Result<[f64; 4], ReadError> {
     let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap_or_default();
     let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap_or_default();

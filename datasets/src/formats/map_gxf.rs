@@ -46,7 +46,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
     let bytes = text.len() as u64 + 1;
-    // A run in a packed grid may have any length.
+    // In a packed grid, a run of any length takes a few bytes, so the size of the text does not limit the number of
+    // values.
     let bytes = if packed == 0 { bytes } else { DecodeLimit::new(bytes).most() / 8 };
     let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
     let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;
@@ -136,7 +137,7 @@ impl<'a> GxfObjects<'a> {
     /// Rows and columns in the order of `#SENSE`. The origin is the bottom left corner for any order.
     fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<MapDraft<'a>, ReadError> {
         let sense = self.number("SENS", 1.0)?;
-        // The position of the first point, and whether the first row runs along x.
+        // Whether the first point is in the east, whether it is in the north, and whether rows run along x.
         let (from_east, from_north, across) = match sense as i64 {
             1 => (false, false, true),
             -1 => (false, false, false),
@@ -189,8 +190,8 @@ fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<V
     Ok(values.into_iter().map(known).collect())
 }
 
-/// Unpacks numbers of `digits` base-90 digits each; `%` is the digit 0. `!` begins an unknown number. `"` begins a run,
-/// which has a length and then a value.
+/// Unpacks numbers of `digits` base-90 digits each; `%` is the digit 0. `!` marks an unknown value. `"` begins a run:
+/// its length and its value follow as packed numbers.
 fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<f64>, ReadError> {
     // 90^8 is still exact in double precision.
     if !(1..=8).contains(&digits) {
@@ -220,7 +221,7 @@ fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<
     Ok(values)
 }
 
-/// NaN for an unknown value; `None` for text that is not a number.
+/// A packed number: NaN for an unknown value; `None` for text that is not a number.
 fn base_90(pack: &[u8]) -> Option<f64> {
     if pack.starts_with(b"!") {
         return Some(f64::NAN);
@@ -264,7 +265,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     outputs.finish(sink)
 }
 
-/// The name of the system, by which it is recognised.
+/// The lines of `#MAP_PROJECTION`: the reader recognises the coordinate system by its name.
 fn projection(map: &AnomalyGrid, kind: &str) -> String {
     let name = format!("\"{}\"", map.crs.name());
     if kind.is_empty() { name } else { format!("{name}\n\"{}\"\n\"{kind}\"", map.crs.name()) }

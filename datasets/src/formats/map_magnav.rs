@@ -26,14 +26,15 @@ pub(super) const AXES: [&str; 2] = ["xx", "yy"];
 
 /// An array of a map, by rows of one latitude each.
 pub(super) struct MagnavArray {
-    /// Numbers of longitudes and latitudes; `None` for more than two dimensions.
+    /// The number of longitudes and the number of latitudes; `None` unless the array has two dimensions.
     pub(super) shape: Option<[usize; 2]>,
-    /// The values; those of an array of two dimensions by rows of one latitude each.
+    /// The values; in an array of two dimensions, each row has one latitude.
     pub(super) values: Vec<f64>,
 }
 
 impl MagnavArray {
-    /// The array of values that are stored with the longitudes first, as columns of a Julia or MATLAB matrix.
+    /// An array from values in memory order of a Julia or MATLAB matrix with latitudes as rows: all latitudes of one
+    /// longitude are adjacent.
     pub(super) fn by_longitude(shape: Option<[usize; 2]>, stored: Vec<f64>) -> MagnavArray {
         match shape.filter(|[n_lon, n_lat]| n_lon.checked_mul(*n_lat) == Some(stored.len())) {
             Some([_, n_lat]) => MagnavArray { shape, values: transposed(&stored, n_lat) },
@@ -54,7 +55,7 @@ pub(super) trait MagnavSource {
     fn array(&self, name: &str) -> Result<MagnavArray, ReadError>;
 }
 
-/// Whether names are those of a map of MagNav.jl.
+/// Whether the arrays of a map of MagNav.jl exist, according to `has`.
 pub(super) fn is_map(has: impl Fn(&str) -> bool) -> bool {
     AXES.iter().all(|name| has(name)) && (has("map") || COMPONENTS.iter().all(|name| has(name)))
 }
@@ -120,7 +121,7 @@ fn values(
     };
     let [north, east, down] = COMPONENTS.map(array);
     let mut all = [north?, east?, down?];
-    // A component may be 0 at a known node.
+    // A node is unknown only if all components are 0, because one component may be 0 at a known node.
     let unknown: Vec<usize> = (0..all[0].len()).filter(|node| all.iter().all(|a| a.get(*node) == Some(&0.0))).collect();
     let chosen = match component {
         VectorComponent::North => 0,
@@ -160,8 +161,8 @@ fn vector(path: &Path, source: &dyn MagnavSource, name: &str) -> Result<Vec<f64>
     }
 }
 
-/// Rejects coordinates that look like radians, unless the options confirm degrees: all are within 0 ± pi, latitudes
-/// within 0 ± pi/2.
+/// Rejects coordinates that look like radians, unless the options confirm degrees. Coordinates look like radians if all
+/// longitudes are within ±pi and all latitudes are within ±pi/2.
 fn refuse_radians(path: &Path, options: &MapOptions, lon: &[f64], lat: &[f64]) -> Result<(), ReadError> {
     use std::f64::consts::{FRAC_PI_2, PI};
     let within = |x: &[f64], most: f64| x.iter().all(|x| x.abs() <= most * (1.0 + 1e-9));

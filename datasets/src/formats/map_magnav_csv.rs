@@ -27,7 +27,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: None,
 };
 
-/// The folder itself, or the folder of its `map.csv`.
+/// The folder of a map: `path` itself, or the folder that contains `path`, its `map.csv`.
 fn folder(path: &Path) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path.to_path_buf());

@@ -1,6 +1,6 @@
 //! Maps of MagNav.jl in HDF5, scalar or of three components; the module `map_magnav` describes the arrays.
 //!
-//! Julia stores columns first, so its `map[yy, xx]` appears here with the longitudes first.
+//! Julia stores matrices column by column, so in the file the first dimension of its `map[yy, xx]` is longitude.
 
 use std::path::Path;
 

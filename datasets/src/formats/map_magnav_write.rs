@@ -49,7 +49,7 @@ fn encoded(map: &AnomalyGrid) -> Result<Vec<u8>, String> {
 
 const INFO: &str = "magline";
 
-/// One value per node, all latitudes of the first longitude first.
+/// One value per node, longitude by longitude: first all latitudes of the first longitude.
 fn by_columns<T>(map: &AnomalyGrid, value: impl Fn(usize) -> T) -> Vec<T> {
     let (width, height) = (map.x.len, map.y.len);
     (0..width).flat_map(|i| (0..height).map(move |j| j * width + i)).map(value).collect()

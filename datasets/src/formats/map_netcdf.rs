@@ -35,7 +35,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(netcdf_write::write),
 };
 
-/// Names of the grid among several variables of two dimensions.
+/// Usual names of the grid, for a file with several two-dimensional variables; the first name that exists is used.
 const GRIDS: [&str; 9] =
     ["z", "anomaly", "magnetic_anomaly", "total_field_anomaly", "tmi", "mag", "map", "band1", "anomaly_nt"];
 
@@ -111,7 +111,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         Ok(NetcdfEncoding::of_variable(self.path, variable)?.unpacked(self.stored(variable)?))
     }
 
-    /// The stored numbers of the map, NaN where unknown, with their scale and offset.
+    /// The stored numbers of the map (NaN where unknown), and their scale and offset.
     fn values(&self, map: &NcVariable, notes: &mut Vec<String>) -> Result<(Vec<f64>, [f64; 2]), ReadError> {
         let storage = NetcdfEncoding::of_variable(self.path, map)?;
         Ok((storage.known(self.stored(map)?, notes), storage.packing))
@@ -177,7 +177,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             return Err(ReadError::data(self.path, "the grid must have two dimensions").in_column(map.name()));
         };
         let (outer, inner) = (self.need(outer)?, self.need(inner)?);
-        // Usually rows of one latitude each; transposed where the coordinates are in the other order.
+        // Usually each row has one latitude; if the dimensions are in the other order, the values are transposed.
         let swapped = self.is_y(inner) && !self.is_y(outer) || self.is_x(outer) && !self.is_x(inner);
         let (x, y) = if swapped { (outer, inner) } else { (inner, outer) };
         let mut notes = vec![];
@@ -239,8 +239,8 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
     }
 
-    /// The coordinate system of the grid mapping, otherwise that of the whole file, otherwise the system that the units
-    /// of the coordinates imply.
+    /// The coordinate system: from the grid mapping, else from the attributes of the file, else from the units of the
+    /// coordinates.
     fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> FileCrs {
         let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
         for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {
@@ -262,7 +262,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         }
     }
 
-    /// A code as a number or as `EPSG:32630`.
+    /// An EPSG code, written as a number or as `EPSG:32630`.
     fn code(&self, from: Option<&NcVariable>, key: &str) -> Option<u16> {
         let text = self.text(from, key).and_then(|t| t.rsplit(':').next()?.trim().parse().ok());
         text.or_else(|| self.number(from, key).filter(|n| (1.0..65536.0).contains(n)).map(|n| n as u16))

@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Accepted names of a column of each kind.
+/// Accepted column names for each coordinate and quantity.
 pub(super) const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude"];
 pub(super) const LONGITUDES: &[&str] = &["lon", "longitude_deg", "longitude"];
 pub(super) const EASTINGS: &[&str] = &["easting", "easting_m", "utm_easting_m", "osgb_easting_m", "x"];
@@ -114,7 +114,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 /// The unit of coordinates: from the metadata of the columns, else from their names.
 ///
 /// # Errors
-/// Fails for an unknown unit, or for two units.
+/// Fails for an unknown unit, or if the two coordinates have different units.
 pub(super) fn axis_unit(
     path: &Path,
     names: [&str; 2],
@@ -187,7 +187,7 @@ fn schema(map: &AnomalyGrid) -> SchemaRef {
     Arc::new(Schema::new(fields))
 }
 
-/// Some rows of the map.
+/// The batch with the given rows of the map.
 fn batch(map: &AnomalyGrid, schema: &SchemaRef, rows: Range<usize>) -> Result<RecordBatch, ArrowError> {
     let nodes = rows.start * map.x.len..rows.end * map.x.len;
     let x = map.x.coordinates().repeat(rows.len());

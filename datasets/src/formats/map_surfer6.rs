@@ -27,7 +27,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The blank value as written.
+/// The value that the writer uses for unknown nodes.
 const BLANK: f32 = 1.701_41e38;
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {

@@ -76,7 +76,8 @@ fn data(
     version: i32,
     section: &mut FieldCursor,
 ) -> Result<AnomalyGrid, ReadError> {
-    // In version 1 all values from the blank value up are blank, in version 2 only that value.
+    // In version 1, all values greater than or equal to the blank value are blank; in version 2, only values equal to
+    // it are.
     let blank = |v: f64| is_marker(v, place.blank) || version < 2 && v >= place.blank;
     let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
     let known = |v: f64| if blank(v) || v >= SURFER_BLANK { f64::NAN } else { v };

@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Whether the first rows of a string, except for a header, have three numbers or more.
+/// Whether the file begins with rows of three or more numbers, after at most one header.
 fn recognise(head: &FileHead) -> bool {
     if head.text().contains(&0) {
         return false;
@@ -41,11 +41,11 @@ fn recognise(head: &FileHead) -> bool {
         words.len() >= 3 && words.iter().all(|w| number(w).is_some())
     };
     let rows: Vec<&str> = rows.take(3).collect();
-    // The end of the inspected text may truncate the last of them.
+    // The third row is not parsed, because the inspected text may end within it.
     rows.len() == 3 && (numeric(rows[0]) || !numeric(rows[0]) && numeric(rows[1]))
 }
 
-/// Other names of the value in such files.
+/// Other column names of the value in such files.
 const VALUES: &[&str] = &["z", "value", "mag", "tmi", "total_field", "nt"];
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
@@ -133,7 +133,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     let mut line = format!("# magnetic anomaly unit={unit} EPSG:{code} nodes={nodes}{height}\n{names}");
     line.push_str(if cells { " alt\n" } else { "\n" });
     if comma {
-        // The comment keeps its blanks.
+        // Only the header is separated by commas; the comment keeps its blanks.
         line = line
             .split_inclusive('\n')
             .map(|l| if l.starts_with('#') { l.into() } else { l.replace(' ', ",") })

@@ -1,7 +1,7 @@
 //! MATLAB files of version 5 to 7 (either byte order, deflated or not) and 7.3 (HDF5). Each matrix or structure is a
-//! topic. The vectors at the root form the topic `.`. The columns of a matrix `X` have the names in a cell array
-//! `X_label`, otherwise `X[0]`, `X[1]`; nested structures are columns `a.b`. Vectors of an uncommon length are a
-//! separate topic named with the length: `log:1531`.
+//! topic. The vectors at the root form the topic `.`. The columns of a matrix `X` take their names from a cell array
+//! `X_label`; without it they are `X[0]`, `X[1]` and so on. The columns of nested structures are named `a.b`. Vectors
+//! of an uncommon length are a separate topic named with the length: `log:1531`.
 //!
 //! Only the variables of one topic are in memory at a time. The file has no units.
 
@@ -30,7 +30,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 const V5: &[u8] = b"MATLAB 5.0 MAT-file";
 
-/// The first files of version 7.3 state the version 7.0.
+/// The headers of the first files of version 7.3 contain the version 7.0.
 fn is_v73(head: &FileHead) -> bool {
     head.starts_with(b"MATLAB 7.") && head.has_at(512, super::hdf5::MAGIC)
 }

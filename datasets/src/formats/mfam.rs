@@ -45,7 +45,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 /// Rows per batch.
 const ROWS: usize = 65_536;
 
-/// Names in the header, with their canonical name or unit if it differs.
+/// For each name in the header: the column name and the unit; empty for a canonical unit.
 const COLUMNS: [(&str, &str, &str); 27] = [
     ("Counter", "counter", ""),
     ("MFAM Fiducial", "fiducial", ""),
@@ -71,7 +71,8 @@ const COLUMNS: [(&str, &str, &str); 27] = [
     ("ImuTemperature", "imu_temperature", "degC"),
     ("Track", "track", "deg"),
     ("Altitude", "msl", "m"),
-    // The value after the height in a GGA sentence is the geoid above the ellipsoid, despite its name in the header.
+    // Despite its name in the header, this is the height of the geoid above the ellipsoid, which follows the height in
+    // a GGA sentence.
     ("HeightOverEllipsoid", "geoid", "m"),
     ("SpeedOverGround", "speed_over_ground", "kn"),
     ("LocationSource", "location_source", ""),
@@ -137,7 +138,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     })
 }
 
-/// The rows of a batch, by column.
+/// The rows of a batch, stored column by column.
 struct MfamBatch {
     rows: usize,
     numbers: Vec<Vec<f64>>,
@@ -296,7 +297,7 @@ impl MfamRowParser {
     }
 }
 
-/// Year and day of the year of `2020/10/27`.
+/// Year and day of the year of a date such as `2020/10/27`.
 fn day(text: &str) -> Option<(i32, u32)> {
     let mut words = text.split(['/', '-']);
     let (year, month, day) = (words.next()?.parse().ok()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);

@@ -13,7 +13,8 @@ use crate::{
 /// Encoding of the numbers of a variable: sign, missing values, valid range, scale and offset.
 pub(super) struct NetcdfEncoding {
     kind: NcType,
-    /// Number that is added to negative values of an unsigned type, or subtracted from large values of a signed type.
+    /// Number that corrects the sign if `_Unsigned` contradicts the stored type: it is added to negative values, or
+    /// subtracted from values in the upper half of the range.
     modulus: Option<f64>,
     missing: Vec<f64>,
     /// Minimum and maximum valid stored number.
@@ -28,7 +29,7 @@ const ANYTHING: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// An attribute.
 pub(super) enum NetcdfAttribute {
-    /// Numbers, and whether they are floating-point.
+    /// Numbers, and whether their type is floating-point.
     Numbers(Vec<f64>, bool),
     Text(String),
 }
@@ -57,8 +58,8 @@ impl NetcdfEncoding {
         NetcdfEncoding::from_attributes(path, variable.name(), variable.dtype().clone(), &all, true)
     }
 
-    /// The encoding that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, values that were
-    /// never written have NetCDF's default fill value.
+    /// The encoding that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, NetCDF's default
+    /// fill value also marks missing values.
     ///
     /// # Errors
     /// Fails for an attribute that is not a number, or a valid range without exactly two numbers.
@@ -186,7 +187,7 @@ impl NetcdfAttributes<'_> {
         matches!(self.get(name), Some(NetcdfAttribute::Numbers(_, true)))
     }
 
-    /// Number of values of an integer type, 2 to the power of its bits, if `_Unsigned` changes its sign.
+    /// If `_Unsigned` contradicts the sign of an integer type, 2 to the power of the number of its bits.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
         let unsigned = match self.get("_Unsigned") {
             None => return Ok(None),
@@ -231,7 +232,7 @@ fn signed(modulus: Option<f64>, kind: &NcType, v: f64) -> f64 {
     }
 }
 
-/// A number of an attribute as the variable stores it.
+/// A number of an attribute, converted to the type of the variable.
 fn in_type(kind: &NcType, modulus: Option<f64>, x: f64) -> f64 {
     let x = if matches!(kind, NcType::Float) { f64::from(x as f32) } else { x };
     signed(modulus, kind, x)

@@ -137,7 +137,7 @@ fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Netcdf
         degrees => degrees.to_owned(),
     };
     let axis = if which == 0 { &map.x } else { &map.y };
-    // GMT stores the edges of the cells here for pixel registration.
+    // For pixel registration, GMT's `actual_range` extends to the outer edges of the cells.
     let half = if map.registration == Registration::Pixel { 0.5 * axis.step } else { 0.0 };
     vec![
         ("standard_name", text(names[0])),
@@ -148,7 +148,7 @@ fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Netcdf
     ]
 }
 
-/// The header, for data that begins at `data`; returns its own length.
+/// Writes the header for data that begin at offset `data`; returns the length of the header.
 fn encode(
     out: &mut Vec<u8>,
     map: &AnomalyGrid,
@@ -198,7 +198,7 @@ fn word(out: &mut Vec<u8>, value: u32) {
     out.extend(value.to_be_bytes());
 }
 
-/// Appends `count`, the bytes, and zeros up to a whole number of words.
+/// Appends `count` and the bytes, padded with zeros to a multiple of four bytes.
 fn padded(out: &mut Vec<u8>, count: usize, bytes: &[u8]) -> Result<(), String> {
     word(out, u32::try_from(count).map_err(|_| "an attribute is too long".to_owned())?);
     out.extend(bytes);

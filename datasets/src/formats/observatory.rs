@@ -80,7 +80,7 @@ struct Day {
     name: String,
     year: i32,
     doy: u32,
-    /// Midnight of the day, in seconds past the midnight of the first day.
+    /// Time of the day's midnight, in seconds after the first day's midnight.
     midnight_s: f64,
 }
 
@@ -104,7 +104,7 @@ fn days(record: &ObservatoryRecord) -> Vec<Day> {
     let (year, doy) = record.date;
     let mut day = Day::new(year, doy, 0.0);
     let one = |k: usize| {
-        // The tolerance is far below any step of a record.
+        // The tolerance of 1e-6 s is far smaller than the sample interval of any record.
         while record.tt_s(k) >= day.midnight_s + DAY_S - 1e-6 {
             day = day.next();
         }
@@ -170,7 +170,7 @@ mod tests {
         let of = |name: &str| batches[0][name].as_primitive::<Float64Type>().values().to_vec();
         assert_eq!((batches.len(), batches[0].num_rows()), (1, 1440));
         assert_eq!(batches[0]["line"].as_string::<i32>().value(1439), "2014-11-04");
-        // The last line of the file.
+        // Values in the last row of the file.
         assert_eq!((of("tt")[1439], of("field_f")[0]), (86_340.0, 52_397.24));
         let (n, e, d) = (of("field_n"), of("field_e"), of("field_d"));
         let vector = (0..1440).map(|k| n[k].hypot(e[k]).hypot(d[k]));

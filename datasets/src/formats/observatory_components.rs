@@ -1,13 +1,13 @@
 //! Conversion of the components that an observatory records to north, east, down and total field.
 
-/// The conversion of four columns to a vector, by the column of each component.
+/// Conversion of the recorded components to a vector; the indices are the columns of the components.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum ComponentConversion {
     /// North, east, down.
     Xyz([usize; 3]),
     /// Horizontal intensity, declination in minutes of arc, down.
     Hdz([usize; 3]),
-    /// Along and across the horizontal field at the baseline declination, down.
+    /// Horizontal components along and across the direction of the baseline declination, down.
     Hez([usize; 3]),
     /// Declination and inclination in minutes of arc, total intensity.
     Dif([usize; 3]),
@@ -51,8 +51,8 @@ impl ComponentConversion {
         }
     }
 
-    /// The declination of a line's values without its baseline, in radians; `None` for a vector without the component
-    /// D.
+    /// The declination of a line's values before the baseline is added, in radians; `None` for a vector without the
+    /// component D.
     pub(super) fn own_declination_rad(self, values: &[f64]) -> Option<f64> {
         let (ComponentConversion::Hdz([_, column, _]) | ComponentConversion::Dif([column, ..])) = self else {
             return None;
@@ -72,9 +72,9 @@ impl ComponentConversion {
     }
 }
 
-/// The total field of a line's values, by the letters of its columns: S is the measured total field, and so is F if
-/// there is no S. G is the vector's magnitude minus the measured total field, or the negative measured total field
-/// where the vector is missing.
+/// The total field of a line's values. The letters of the columns determine it: S is the measured total field; without
+/// S, F is the measured total field. G is the vector's magnitude minus the measured total field or, where the vector is
+/// missing, the negated measured total field.
 pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
     /// Limit below which G is a negative total field and not a difference, in nT.
     const NO_DIFFERENCE: f64 = -10_000.0;

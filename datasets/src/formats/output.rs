@@ -26,8 +26,8 @@ use grids::AnomalyGrid;
 /// | `surfer7`, `surfer6` (in single precision), `surfer6_text` | neither |
 ///
 /// # Errors
-/// Fails for a format that is unknown, cannot be written, or is not determined by the extension, a map that it cannot
-/// store, and a path that cannot be written.
+/// Fails if the format is unknown, cannot be written, cannot store the map, or is not determined by the extension; also
+/// for a path that cannot be written.
 pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     let Some(write) = chosen.write else {
@@ -35,7 +35,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     };
     refuse_stale(path)?;
     map.check()?;
-    // A reader would treat the values as an anomaly.
+    // Without the unit, a reader would treat the values as an anomaly.
     if map.value_unit != "nT" && !KEEP_UNIT.contains(&chosen.name) {
         let what = format!("the map format `{}` cannot store the unit {}", chosen.name, map.value_unit);
         return Err(ReadError::options(path, what).help(format!("use one of {}", KEEP_UNIT.join(", "))));
@@ -147,7 +147,7 @@ impl MapOutputFiles<'_> {
     }
 
     fn commit(mut self) -> Result<(), ReadError> {
-        // In reverse order: a file that refers to others is created first and renamed last.
+        // Files are renamed in reverse order: a file that refers to others is created first and renamed last.
         while let Some((part, path)) = self.made.pop() {
             if let Err(error) = fs::rename(&part, &path) {
                 self.made.push((part, path));

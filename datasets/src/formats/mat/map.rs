@@ -42,7 +42,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     map_magnav::read(path, options, &map, Vec::new)
 }
 
-/// The fields of the only map in a file, or of `map_data` among several.
+/// The arrays of the only map in a file; if there are several maps, those of `map_data`.
 fn fields(path: &Path, nodes: Vec<MatVariable>) -> Result<Vec<MatVariable>, ReadError> {
     if map_magnav::is_map(|name| nodes.iter().any(|node| node.name == name)) {
         return Ok(nodes);

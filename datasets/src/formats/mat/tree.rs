@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::table::ColumnValues;
 
-/// A variable, or a field of one.
+/// A variable, or a field of a structure.
 #[derive(Debug)]
 pub(super) struct MatVariable {
     pub(super) name: String,
@@ -56,7 +56,7 @@ pub(super) struct MatColumn {
 
 /// The table of the vectors at the root.
 pub(super) const ROOT: &str = ".";
-/// A matrix with more columns than this has one channel per row.
+/// A matrix with more columns than this, and at most [`MOST_CHANNELS`] rows, has one channel per row.
 const MOST_COLUMNS: u64 = 1000;
 /// Maximum number of rows of a matrix with one channel per row.
 const MOST_CHANNELS: u64 = 100;
@@ -94,7 +94,7 @@ pub(super) fn tables(nodes: Vec<MatVariable>) -> Vec<MatTable> {
     drafts
 }
 
-/// The variables of a file that are in no table.
+/// Names of the variables of a file that are in no table, each with the reason.
 pub(super) fn skipped(nodes: &[MatVariable]) -> Vec<String> {
     let mut out = vec![];
     fn add(prefix: &str, nodes: &[MatVariable], out: &mut Vec<String>) {

@@ -70,7 +70,7 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
     Ok(outcome)
 }
 
-/// The variable in a deflated element.
+/// Reads the variable in a compressed element.
 fn deflated(input: impl Read, big: bool, limit: &DecodeLimit, keep: &dyn Fn(&str) -> bool) -> io::Result<MatVariable> {
     let mut inflated = ZlibDecoder::new(input);
     let mut tag = [0; 8];
@@ -172,7 +172,7 @@ impl<'a> MatByteReader<'a> {
         self.pad(tag)
     }
 
-    /// Elements end at multiples of 8 bytes, but the last may not.
+    /// Skips the padding after an element up to a multiple of 8 bytes; it may be missing after the last element.
     fn pad(&mut self, tag: &MatElementTag) -> io::Result<()> {
         let padding = tag.bytes.next_multiple_of(8) - tag.bytes;
         self.at += io::copy(&mut self.input.take(padding), &mut io::sink())?;
@@ -184,8 +184,8 @@ impl<'a> MatByteReader<'a> {
         self.data(&tag, LONGEST)
     }
 
-    /// The array of this length after its head. With `outermost`, the name of the array determines whether its numbers
-    /// are kept.
+    /// Reads an array of `bytes` bytes, whose tag has been read. If the array is `outermost`, `keep` decides by its
+    /// name whether its numbers and those of its parts are read.
     fn matrix(
         &mut self,
         bytes: u64,
@@ -215,7 +215,7 @@ impl<'a> MatByteReader<'a> {
         let count =
             dims.iter().try_fold(1u64, |n, d| n.checked_mul(*d)).ok_or_else(|| broken("its shape is too large"))?;
         let content = match class {
-            // Double, single and the eight kinds of whole numbers.
+            // Double precision, single precision and the eight integer types.
             6..=15 if flags & COMPLEX != 0 => MatValue::Skipped("complex numbers"),
             6..=15 if dims.len() != 2 => MatValue::Skipped("an array of more than two dimensions"),
             6..=15 => {
@@ -253,7 +253,7 @@ impl<'a> MatByteReader<'a> {
         self.done(name, content, end, outermost && !kept)
     }
 
-    /// Moves to the end of the array, unless `stop` is set, and returns its variable.
+    /// Skips the rest of the array, unless `stop` is set, and returns the variable.
     fn done(&mut self, name: String, content: MatValue, end: u64, stop: bool) -> io::Result<MatVariable> {
         if !stop {
             self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than the array"))?)?;
