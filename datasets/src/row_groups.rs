@@ -4,7 +4,7 @@
 
 /// Lines of at least this number of rows have a row group each; shorter lines share a row group.
 const LEAST_ROWS: usize = 256;
-/// The number of row groups from which [`LEAST_ROWS_OF_MANY`] applies.
+/// Number of row groups after which [`LEAST_ROWS_OF_MANY`] applies.
 const MANY_GROUPS: usize = 16_384;
 /// Minimum number of rows of the row groups after [`MANY_GROUPS`].
 const LEAST_ROWS_OF_MANY: usize = 131_072;

@@ -108,7 +108,8 @@ pub(crate) fn array(values: ColumnValues) -> ArrayRef {
     }
 }
 
-/// Numbers that must be whole, such as the year; NaN is missing. A fraction is also missing, and has a fault.
+/// Converts numbers that must be whole, such as the year. NaN is a missing value. A number with a fraction also becomes
+/// a missing value, and gives a fault.
 pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (ColumnValues, Vec<RowFault>) {
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {

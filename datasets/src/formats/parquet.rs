@@ -38,14 +38,14 @@ fn open(path: &Path, _: &FlightOptions, _: &ReadHints) -> Result<RawFlight, Read
     let file = ParquetSource::new(path)?;
     let schema = file.schema.clone();
     let parts = file.batches(path)?.map(|batch| batch.map(FlightBatch::whole));
-    // The writer's own schema metadata (such as pandas') is dropped: it describes another table.
+    // The schema metadata of the writer (such as pandas) are dropped, because they describe another table.
     let schema = Arc::new(Schema::new(schema.fields().clone()));
     Ok(RawFlight { fillers: true, ..RawFlight::new(schema, Box::new(parts)) })
 }
 
 /// A Parquet file with its footer read.
 pub(super) struct ParquetSource {
-    /// The reader of its batches, which [`plain`] converts to the schema.
+    /// Reader of the file's batches; [`plain`] converts a batch to `schema`.
     builder: ParquetRecordBatchReaderBuilder<File>,
     /// The schema of the file.
     pub(super) schema: SchemaRef,
@@ -99,7 +99,7 @@ impl ParquetSource {
     }
 }
 
-/// The bytes of all values; `None` for 2^64 or more. A string of a dictionary counts once.
+/// Memory of all values, in bytes; `None` for 2^64 or more. A string in a dictionary counts once.
 fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     let chunk = |chunk: &ColumnChunkMetaData| {
         let values = u64::try_from(chunk.num_values()).ok()?;
@@ -108,7 +108,7 @@ fn declared(metadata: &ParquetMetaData) -> Option<u64> {
             Type::INT32 | Type::FLOAT => 4,
             Type::INT64 | Type::DOUBLE => 8,
             Type::INT96 => 12,
-            // A view has 16 bytes.
+            // A string view has 16 bytes.
             Type::BYTE_ARRAY => 16,
             Type::FIXED_LEN_BYTE_ARRAY => u64::try_from(chunk.column_descr().type_length()).ok()?,
         };
@@ -122,7 +122,7 @@ fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     groups.map(chunk).try_fold(0_u64, |sum, bytes| sum.checked_add(bytes?))
 }
 
-/// The schema with strings as views. A long string of a dictionary is then in memory only once.
+/// The schema with string views instead of strings: a long string in a dictionary is then in memory only once.
 fn views(schema: &SchemaRef) -> SchemaRef {
     let view = |kind: &DataType| match kind {
         DataType::Utf8 | DataType::LargeUtf8 => DataType::Utf8View,

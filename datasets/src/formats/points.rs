@@ -135,7 +135,8 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet
 
 /// Warnings about probably wrong units and about constant values of survey points, one sentence each.
 pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
-    /// π and π/2: positions in radians that are read as degrees lie in this area of open sea.
+    /// Maximum latitude and longitude of positions in radians, π/2 and π. Positions in radians that are read as degrees
+    /// lie in this area of open sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
     /// Minimum range of the values of a survey, in nT.
     const LEAST_NT: f64 = 1e-3;
@@ -339,7 +340,7 @@ impl<'a> PointColumnRoles<'a> {
     }
 
     /// Latitudes and longitudes in degrees. With `usual`, fails if most positions are far from the zone of their
-    /// system; a few are outliers.
+    /// system; a few distant positions are accepted as outliers.
     fn degrees(
         &self,
         path: &Path,

@@ -91,7 +91,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
     let parts = Box::new(std::iter::once(Ok(FlightBatch::whole(batch))));
-    // Renames to canonical columns have been applied; the caller applies the other renames.
+    // Renames to one of `ROLES` have already been applied; the caller applies the other renames.
     let own = options.rename.iter().filter(|(_, to)| ROLES.contains(&to.as_str())).map(|(from, _)| from.clone());
     Ok(RawFlight { own: Some(own.collect()), notes, ..RawFlight::new(schema, parts) })
 }

@@ -33,9 +33,9 @@ pub(super) struct PointColumn {
 pub(super) struct PointTable {
     pub(super) columns: Vec<PointColumn>,
     pub(super) rows: usize,
-    /// The row that follows each line record, and the name of its line.
+    /// For each line record, the index of the row that follows it, and the name of the line.
     pub(super) records: Vec<(usize, String)>,
-    /// The types of the lines by their names, where the file gives them.
+    /// Type of each line, by the name of the line, if the file gives it.
     pub(super) types: BTreeMap<String, LineType>,
     /// Notes on the lines.
     pub(super) notes: Vec<String>,
@@ -67,7 +67,8 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<PointTable, Read
             }
             let recognised = FLIGHT_FORMATS.iter().find(|f| (f.recognise)(&head)).map(|f| f.name);
             match recognised {
-                // Blank-separated text with comments is a flight log of the SGL surveys only if it has their columns.
+                // Blank-separated text with comments is a flight log of the SGL surveys only if it has the columns of
+                // these surveys.
                 Some("sgl_xyz") => from_flight(path, None).or_else(|_| from_text(path)),
                 None | Some("csv") => from_text(path),
                 Some(_) => from_flight(path, None),
@@ -140,7 +141,7 @@ impl PointTable {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }
 
-    /// The column with the first of these names that the table has, with or without a unit in brackets.
+    /// The column with the first of the names `known` that exists; a name followed by a unit in brackets also matches.
     pub(super) fn first(&self, known: &[&str]) -> Option<&PointColumn> {
         let base = |c: &&PointColumn, name: &str| unit_name::without_unit(&c.name).eq_ignore_ascii_case(name);
         let with_unit = |name: &&str| self.columns.iter().find(|c| base(c, name));
@@ -194,7 +195,7 @@ impl PointTable {
             .help(format!("set `{option}` to one of the columns {}", names.join(", ")))
     }
 
-    /// The line of each row by the line records.
+    /// The line of each row, from the line records.
     pub(super) fn recorded_lines(&self) -> Vec<String> {
         let mut names = vec![String::new(); self.rows];
         for (from, name) in &self.records {
@@ -205,12 +206,13 @@ impl PointTable {
 }
 
 impl PointColumn {
-    /// Whether its values are numbers.
+    /// Whether the values of the column are numbers.
     pub(super) fn is_number(&self) -> bool {
         self.chunks.iter().all(|c| c.data_type().is_numeric())
     }
 
-    /// The factor from the unit of the file to `wanted`, and the name of that unit.
+    /// The factor from the unit of the file to `wanted`, and the name of the unit of the file; 1 and `wanted` if the
+    /// file gives no unit.
     ///
     /// # Errors
     /// Fails for a unit that does not convert.
@@ -225,7 +227,7 @@ impl PointColumn {
         Ok((factor, self.unit.clone()))
     }
 
-    /// Whether its unit is an angle.
+    /// Whether the unit of the column is an angle.
     pub(super) fn is_angle(&self) -> bool {
         convert(&self.unit, "deg").is_some()
     }
@@ -247,7 +249,7 @@ impl PointColumn {
         self.in_unit(path, "")
     }
 
-    /// The numbers in a unit; unchanged if the unit is empty or the file gives none.
+    /// The numbers in the unit `wanted`; unchanged if `wanted` is empty or the file gives no unit.
     ///
     /// # Errors
     /// Fails for values that are not numbers, or a unit that does not convert.

@@ -1,6 +1,6 @@
 //! Small rasters for tests: TIFF and classic NetCDF files with arbitrary tags and attributes.
 
-/// One image of a TIFF: its tags of numbers, of doubles and of text, and its cells.
+/// One image of a TIFF: its tags (16-bit integers, doubles or text) and its cells.
 #[derive(Clone, Default)]
 pub(super) struct TiffImageFixture {
     pub(super) shorts: Vec<(u16, Vec<u16>)>,
@@ -10,8 +10,8 @@ pub(super) struct TiffImageFixture {
 }
 
 impl TiffImageFixture {
-    /// A band of cells of some bits and a sample format (1 whole, 2 signed, 3 real) on a grid of 200 m in UTM zone 54
-    /// south with its north-west corner at (500000, 7600000).
+    /// One band whose cells have `bits` bits and the sample format `format` (1 unsigned, 2 signed, 3 floating point).
+    /// The grid has a spacing of 200 m in UTM zone 54 south and its north-west corner at (500000, 7600000).
     pub(super) fn band(width: u16, height: u16, bits: u16, format: u16, cells: Vec<u8>) -> TiffImageFixture {
         let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32754];
         let shorts = [
@@ -29,14 +29,14 @@ impl TiffImageFixture {
         TiffImageFixture { shorts: shorts.to_vec(), doubles, texts: vec![], cells }
     }
 
-    /// The same image with a tag of numbers.
+    /// The same image with an integer tag added or replaced.
     pub(super) fn with(mut self, tag: u16, numbers: &[u16]) -> TiffImageFixture {
         self.shorts.retain(|(t, _)| *t != tag);
         self.shorts.push((tag, numbers.to_vec()));
         self
     }
 
-    /// The same image with a tag of text.
+    /// The same image with a text tag added.
     pub(super) fn text(mut self, tag: u16, text: &str) -> TiffImageFixture {
         self.texts.push((tag, format!("{text}\0")));
         self
@@ -100,7 +100,7 @@ pub(super) enum NetcdfValueFixture {
 }
 
 impl NetcdfValueFixture {
-    /// The type, the number of values, and their bytes.
+    /// The NetCDF type, the number of values, and the bytes of the values.
     pub(super) fn encoded(&self) -> (u32, u32, Vec<u8>) {
         fn all<T: Copy, const N: usize>(v: &[T], bytes: impl Fn(T) -> [u8; N]) -> (u32, Vec<u8>) {
             (v.len() as u32, v.iter().flat_map(|x| bytes(*x)).collect())

@@ -72,10 +72,10 @@ enum WideIntegerType {
     Digits,
 }
 
-/// Search for 64-bit integers that are not exact as Float64, by column.
+/// Search of each column for 64-bit integers that Float64 cannot represent exactly.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WideIntegerScan {
-    /// The columns of whole numbers of 64 bits: index, offset, and whether they are unsigned.
+    /// The columns of 64-bit integers: index, offset, and whether they are unsigned.
     wide: Vec<(usize, usize, bool)>,
     found: Vec<WideIntegerType>,
 }
@@ -126,9 +126,9 @@ pub(super) struct RecordBuffer {
     bytes: Vec<u8>,
 }
 
-/// Values of a batch: 64 k rows of 100 columns are 50 MB.
+/// Maximum number of values in a batch: 64 k rows of 100 columns take 50 MB.
 const CELLS: usize = 6 << 20;
-/// Rows of a batch.
+/// Maximum number of rows in a batch.
 const ROWS: usize = 65_536;
 
 impl RecordBuffer {
@@ -212,7 +212,7 @@ impl RecordBuffer {
         }
     }
 
-    /// The bytes of one column, decoded; `None` for a record that is too short.
+    /// The decoded values of one column; `None` for a record that is too short.
     fn cells<'a, const N: usize, T>(
         &'a self,
         column: &'a RecordColumn,

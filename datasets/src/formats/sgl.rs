@@ -112,8 +112,8 @@ pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
 /// GNSS latitude is used; without a GNSS latitude it is radians.
 pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static str {
     match (lat_deg, ins_lat) {
-        // INS errors are below one degree. Above a latitude of 1.02 degrees, a latitude in degrees and its number of
-        // radians differ by more than 1.
+        // INS errors are below one degree. At latitudes above 1.02 degrees, the number of degrees and the number of
+        // radians differ by more than 1, so only one of them can agree with the GNSS latitude.
         (Some(lat), Some(ins)) if (ins - lat).abs() < 1.0 && (ins.to_degrees() - lat).abs() > 1.0 => "deg",
         _ => "rad",
     }

@@ -48,7 +48,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let mut sets = vec![];
     for name in file.names() {
         let set = file.need(name)?;
-        // `N`, `dt` and others describe the file; 2-D sets do not belong in a table of samples.
+        // `N`, `dt` and other single values describe the file; 2-D data sets do not belong in a table of samples.
         if set.shape.len() != 1 || !set.is_numeric() || (set.shape == [1] && rows != 1) {
             continue;
         }

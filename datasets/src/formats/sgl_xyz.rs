@@ -81,9 +81,9 @@ struct SglXyzColumn {
 #[derive(Default)]
 struct SglXyzRow {
     text: String,
-    /// Start and end of each word.
+    /// Start and end of each word in `text`.
     words: Vec<(usize, usize)>,
-    /// Line of the file, from 1.
+    /// Line number in the file, from 1.
     text_line: u64,
 }
 
@@ -130,19 +130,19 @@ impl SglLineBatch {
     }
 }
 
-/// Reader of the rows of a file, one row ahead.
+/// Reader of the rows of a file, which reads one row ahead.
 struct SglXyzReader {
     path: PathBuf,
     input: BufReader<TextFile>,
     columns: Vec<SglXyzColumn>,
     missing: MissingMarkers,
     ins_angle: &'static str,
-    /// The columns `flight` and `line` that exist.
+    /// Positions of the columns `flight` and `line`, if they exist.
     keys: Vec<usize>,
     pending: Option<SglXyzRow>,
     /// The previous row, whose buffer is reused.
     spare: SglXyzRow,
-    /// Number of rows read, and of lines of text.
+    /// Number of rows and number of lines of text that have been read.
     row: u64,
     text_line: u64,
 }
@@ -189,7 +189,7 @@ impl SglXyzReader {
         Ok(rows)
     }
 
-    /// Sets the names and units of the columns by the options.
+    /// Sets the names and units of the columns from the options.
     fn name(&mut self, ins_angle: &'static str, options: &FlightOptions) -> Result<(), ReadError> {
         self.ins_angle = ins_angle;
         for column in &mut self.columns {
@@ -239,8 +239,8 @@ impl SglXyzReader {
         Ok(())
     }
 
-    /// The key that separates one line of the survey from the next. A row with a wrong number of values belongs to the
-    /// line before it.
+    /// Flight and line of the next row: they change where a line of the survey begins. `None` for a row with a wrong
+    /// number of values, which belongs to the line before it.
     fn key(&self) -> Option<impl Iterator<Item = &str>> {
         let row = self.pending.as_ref().filter(|r| r.words.len() == self.columns.len())?;
         Some(self.keys.iter().filter_map(|i| row.word(*i)))

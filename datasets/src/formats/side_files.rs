@@ -13,7 +13,7 @@ pub(crate) struct SideFiles {
     packing: [Option<f64>; 2],
     /// The unit of the values.
     pub(crate) unit: Option<String>,
-    /// Whether a cell is known, rows from the first of the raster.
+    /// Whether each cell is known, beginning with the first row of the raster.
     mask: Option<Vec<bool>>,
     /// The number of columns.
     width: usize,
@@ -81,8 +81,8 @@ impl SideFiles {
         Ok(())
     }
 
-    /// Masks the stored values and determines their packing. With `reversed`, the last row of `values` is the first of
-    /// the raster.
+    /// Masks the stored values and determines their packing. With `reversed`, the last row of `values` is the first row
+    /// of the raster.
     ///
     /// # Errors
     /// Fails for a packing that contradicts the packing in the map's file.

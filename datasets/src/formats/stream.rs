@@ -1,4 +1,5 @@
-//! A file read forward in blocks, for formats that are a sequence of messages: memory does not grow with the file.
+//! Forward reading of a file in blocks, for formats that are a sequence of messages. Memory use does not grow with the
+//! file.
 
 use std::{
     fmt,
@@ -12,13 +13,13 @@ use crate::ReadError;
 /// Bytes read at a time.
 const BLOCK: usize = 4 << 20;
 
-/// The bytes of a file from a position that only moves forward.
+/// Reader of a file; its position only moves forward.
 pub(super) struct ForwardReader<R> {
     input: R,
     bytes: Vec<u8>,
     /// The position in `bytes`.
     at: usize,
-    /// The position of `bytes` in the file.
+    /// The position in the file of the first of the `bytes`.
     before: u64,
     ended: bool,
 }
@@ -38,7 +39,7 @@ impl<R: Read> ForwardReader<R> {
         ForwardReader { input, bytes: vec![], at: 0, before: 0, ended: false }
     }
 
-    /// The bytes from the position on. At least `least` bytes are returned, except at the end of the file.
+    /// Returns the bytes that follow the position: at least `least` bytes, except at the end of the file.
     #[inline]
     pub(super) fn ahead(&mut self, least: usize) -> io::Result<&[u8]> {
         if self.bytes.len() - self.at < least && !self.ended {
@@ -84,7 +85,7 @@ pub(super) struct Damage {
 }
 
 impl Damage {
-    /// Counts bytes that belong to no message.
+    /// Adds a run of `bytes` bytes at `at` that belong to no message.
     pub(super) fn add(&mut self, at: u64, bytes: u64) {
         if bytes == 0 {
             return;

@@ -64,7 +64,7 @@ impl TextFile {
         file.seek(SeekFrom::Start(0))?;
         let length = length(&tail);
         if length == tail.len() {
-            // A file may grow while it is read.
+            // Without a mark, the text has no limit, because the file may grow while it is read.
             return Ok(TextFile { file, left: u64::MAX, newline: false });
         }
         let newline = length.checked_sub(1).is_some_and(|last| !matches!(tail.get(last), Some(b'\n' | b'\r')));

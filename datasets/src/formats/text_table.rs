@@ -1,5 +1,5 @@
-//! Plain text in columns, the exchange format of survey points and grids. It is separated by commas, tabs or blanks,
-//! with or without a header, with comments, and with the line records of Geosoft's XYZ files.
+//! Plain text in columns, the exchange format of survey points and grids. Columns are separated by commas, tabs or
+//! blanks. A file may have a header, comments and the line records of Geosoft's XYZ files.
 
 use std::path::Path;
 
@@ -22,13 +22,13 @@ pub(super) struct TextTable {
     pub(super) columns: Vec<ColumnValues>,
     /// The comments, in order, without their mark.
     pub(super) comments: Vec<String>,
-    /// The row that follows each line record, and the record.
+    /// The line records, each with the index of the row that follows it.
     pub(super) records: Vec<(usize, GeosoftLineRecord)>,
 }
 
 /// The kind of a line.
 enum TextTableLine<'t, 'w> {
-    /// Any line after the first row of names or values, to be classified by the caller.
+    /// Any line after the first row of names or values, before it is classified.
     Text(&'t str),
     Comment(&'t str),
     Record(GeosoftLineRecord),
@@ -52,7 +52,7 @@ pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
 fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
-    // The numbers of each column; `None` after the first word that is not a number.
+    // The numbers of each column; `None` if the column has a word that is not a number.
     let mut columns: Vec<Option<Vec<f64>>> = vec![];
     let (mut rows, mut numbers) = (0, vec![]);
     scan(text, |line| {
@@ -135,7 +135,8 @@ fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadErro
     Ok(out)
 }
 
-/// Visits the lines that are not blank. `visit` returns whether it has consumed the line.
+/// Visits the lines that are not blank. A line after the first row is first passed as text; if `visit` returns `true`,
+/// the line is not classified.
 fn scan<'t>(
     text: &'t str,
     mut visit: impl FnMut(TextTableLine<'t, '_>) -> Result<bool, ReadError>,
@@ -173,7 +174,8 @@ impl TextTable {
             c.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(str::to_owned).collect()
         };
         let named = self.comments.iter().rev().map(words).find(|w| {
-            // A comment of numbers, or of prose that has the same number of words by chance, has no names.
+            // A comment holds names only if it has no numbers and at least one known name: prose may have the same
+            // number of words by chance.
             w.len() == width && w.iter().all(|w| number(w).is_none()) && w.iter().any(|w| KNOWN.contains(&&*lower(w)))
         });
         self.named = named.is_some();
@@ -260,7 +262,8 @@ fn known(value: f64) -> f64 {
     if missing::NUMBERS.contains(&value) { f64::NAN } else { value }
 }
 
-/// The numbers of a line of plain numbers, separated by one kind of separator or by blanks.
+/// Parses a line of plain numbers, which are separated by one kind of separator or by blanks; returns `false` for other
+/// lines.
 fn plain_numbers(line: &[u8], numbers: &mut Vec<f64>) -> bool {
     numbers.clear();
     let (mut at, mut separator) = (0, None);

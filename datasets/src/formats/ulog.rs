@@ -1,5 +1,5 @@
-//! ULog, the self-describing log of PX4 autopilots. Each message with an instance is a topic: `vehicle_attitude`, and
-//! `sensor_mag:1` for the second of several. [docs.px4.io, ULog File Format]
+//! ULog, the self-describing log of PX4 autopilots. Each instance of a message is a topic, such as `vehicle_attitude`,
+//! or `sensor_mag:1` for the second of several instances. [docs.px4.io, ULog File Format]
 //!
 //! The file is read twice: once to list and count its topics, and once for the values of one topic. The log has no
 //! units. Time stamps are microseconds since the start of the autopilot, and some names end in a unit.
@@ -39,7 +39,7 @@ fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
 }
 
 fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
-    // The number of instance 0 is optional.
+    // The suffix `:0` is optional.
     let asked = options.topic.as_deref().map(|t| t.strip_suffix(":0").unwrap_or(t));
     let mut scan = UlogScanner::open(path)?;
     // Topics appear when they are subscribed. Without a name, the log must have one topic.

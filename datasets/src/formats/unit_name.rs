@@ -51,8 +51,8 @@ const AMBIGUOUS: &[&str] = &[
     "bar", "gon",
 ];
 
-/// The unit that the name of a column implies. A standard name implies none: the `t` of
-/// `flux_a_t` and the `a` of `flux_a` are not units.
+/// The unit that the name of a column implies. A standard name implies no unit: the `t` of `flux_a_t` and the `a` of
+/// `flux_a` are not units.
 pub(super) fn implied_unit(name: &str) -> ImpliedUnit {
     if is_canonical(name) {
         return ImpliedUnit::Nothing;
@@ -76,11 +76,11 @@ pub(super) fn split_head(head: &str) -> Option<(&str, &str)> {
     let (name, unit) = head.trim().strip_suffix(']')?.rsplit_once(" [")?;
     let plain = name.starts_with(|c: char| c.is_ascii_lowercase())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
-    // An unknown unit of a standard name is an error of the conversion.
+    // A standard name may have any unit: if the unit is unknown, the conversion fails.
     (plain && !unit.is_empty() && (is_unit(unit) || is_canonical(name))).then_some((name, unit))
 }
 
-/// A name without a known unit in brackets at its end: `Anomaly (nT)` is `Anomaly`.
+/// Removes a known unit in brackets from the end of a name: `Anomaly (nT)` becomes `Anomaly`.
 pub(super) fn without_unit(name: &str) -> &str {
     let name = name.trim();
     let Some(inside) = bracketed(name).filter(|inside| is_unit(&spelt(inside))) else { return name };
@@ -92,7 +92,7 @@ pub(super) fn is_canonical(name: &str) -> bool {
     flight::COLUMNS.iter().any(|(known, _)| *known == name) || !flight::describe(name).unit.is_empty()
 }
 
-/// The unit that an unrenamed column keeps, if it is not ambiguous.
+/// The unit of a column that is not renamed, from its name; `None` if the unit is ambiguous.
 pub(super) fn kept_unit(name: &str) -> Option<String> {
     match implied_unit(name) {
         ImpliedUnit::Unit(unit) => Some(unit),
@@ -152,7 +152,7 @@ fn implied_by_suffix(name: &str) -> ImpliedUnit {
     if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Nothing }
 }
 
-/// Units that do not convert, and notations of angles without a conversion factor.
+/// Units without a conversion, and notations of angles that no factor can convert.
 const OTHERS: &[&str] = &[
     "dms",
     "ddmm",
@@ -209,11 +209,11 @@ const PREFIXES: [&[&str]; 2] =
 const PREFIXED: [&[&str]; 2] =
     [&["T", "G", "V", "A"], &["gauss", "tesla", "Gal", "rad", "deg", "ft", "feet", "Pa", "bar", "Hz", "m/s", "mps"]];
 
-/// Denominators that indicate a quotient, for any numerator.
+/// Denominators that indicate a quotient even if the numerator is not a known unit.
 const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
 
-/// The end of a name without a known unit: nothing, or a string that looks like a unit. Such a string is a quotient, a
-/// known unit with a prefix or more letters, or a unit that does not convert.
+/// Checks whether a name without a known unit ends in a string that looks like a unit: a quotient, a known unit with a
+/// prefix or further letters, or a unit without a conversion.
 fn unknown_end(name: &str) -> ImpliedUnit {
     if let Some(quotient) = unknown_quotient(name) {
         return ImpliedUnit::Unknown(quotient.to_owned());
@@ -270,8 +270,8 @@ pub(super) enum UnitNameError {
     Ambiguous(String),
 }
 
-/// The unit of the values of the column `name` when it is renamed to `ours`, of unit `wanted`; `None` if the name
-/// implies none.
+/// The unit of the values of the column `name`, which is renamed to `ours` with the unit `wanted`; `None` if the name
+/// implies no unit.
 ///
 /// # Errors
 /// Fails for a name with a unit that does not convert, or for an ambiguous name.
@@ -294,8 +294,8 @@ pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Op
     }
 }
 
-/// Whether a unit is ambiguous. The end of `FLUXB_T`, all in capitals, may mean tesla or total, as may the end of any
-/// name of a vector's magnitude.
+/// Whether a unit of one letter is ambiguous. The `T` of `FLUXB_T`, a name in capitals, may mean tesla or total; so may
+/// the `T` of any column that is renamed to a vector's magnitude.
 fn is_doubtful(name: &str, ours: &str, unit: &str) -> bool {
     unit.len() == 1 && (!name.bytes().any(|b| b.is_ascii_lowercase()) || (unit == "T" && ours.ends_with("_t")))
 }

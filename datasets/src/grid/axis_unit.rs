@@ -21,7 +21,7 @@ pub(crate) enum AxisUnit {
 pub(crate) enum CrsSource {
     /// The options, which override the file.
     Given,
-    /// The same file as the unit.
+    /// The file, which also gives the unit.
     File,
 }
 
@@ -62,8 +62,8 @@ const LENGTHS: [(&[&str], f64); 9] = [
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 
-/// Two units of length with a smaller relative difference are equal, such as the survey foot and the international
-/// foot.
+/// Two units of length count as equal if their relative difference is smaller, as for the survey foot and the
+/// international foot.
 const SAME: f64 = 1e-5;
 
 impl AxisUnit {
@@ -142,8 +142,8 @@ impl AxisUnit {
     /// The factor that converts coordinates to the unit of a system.
     ///
     /// # Errors
-    /// Fails for lengths in a system of degrees, degrees in a projected system, or feet in a system of metres (or the
-    /// reverse) if the file itself gives both.
+    /// Fails for lengths in a system of degrees and for degrees in a projected system. Also fails for feet in a system
+    /// of metres, or the reverse, if the file gives both the unit and the system.
     pub(crate) fn to_system(
         &self,
         path: &Path,
@@ -186,7 +186,7 @@ impl AxisUnit {
     }
 }
 
-/// The factor that converts coordinates from the unit `unit` to the unit of a system; 1 for an empty text. Notes
+/// The factor that converts coordinates from the unit `unit` to the unit of a system; 1 if `unit` is empty. Notes
 /// receive a conversion.
 ///
 /// # Errors

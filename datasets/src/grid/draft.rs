@@ -26,7 +26,7 @@ pub(crate) struct MapDraft<'a> {
     pub(crate) values: Vec<f64>,
     /// Scale and offset from the stored values to those in `unit`.
     pub(crate) packing: [f64; 2],
-    /// Whether the first row in memory is the first row of the raster: masks in side files also begin with this row.
+    /// Whether the first row in memory is the first row of the raster, with which masks in side files begin.
     pub(crate) raster_rows: bool,
     /// Heights in the same order, if the file has them.
     pub(crate) heights: Option<Vec<f64>>,
@@ -52,7 +52,7 @@ pub(crate) enum FileCrs {
     Epsg(u16),
     /// Degrees, of an unnamed datum.
     Degrees,
-    /// Eastings and northings of no known projection.
+    /// Eastings and northings in an unknown projection.
     Projected,
     /// None.
     Unknown,
@@ -219,7 +219,7 @@ impl<'a> MapDraft<'a> {
         Ok(())
     }
 
-    /// A fault of one cell, counted from the south-west.
+    /// A fault of one cell, whose index counts from the south-west.
     fn in_cell(&self, column: &str, cell: usize, what: &str) -> ReadError {
         let (row, along) = (cell / self.x.len(), cell % self.x.len());
         let (x, y) = (self.x.ascending().at(along as f64), self.y.ascending().at(row as f64));

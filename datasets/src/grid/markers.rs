@@ -6,10 +6,10 @@ use super::plausible::number;
 /// blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
 const DUMMIES: [f64; 5] = [f32::MAX as f64, 1.701_41e38, 9.969_209_968_386_869e36, 1e32, f64::MAX];
 
-/// Maximum relative difference between a marker too large for any field and its text of six digits.
+/// Relative tolerance for a marker that is too large for any field: a text file may give only six of its digits.
 const SIX_DIGITS: f64 = 1e-5;
 
-/// The magnitude from which a number cannot be a field in any unit.
+/// Numbers of this magnitude or larger cannot be a field in any unit.
 const BEYOND: f64 = 1e30;
 
 /// Whether a value is the marker: exactly, in single precision, or, for a marker too large for any field, to six
@@ -25,14 +25,14 @@ pub(crate) fn is_dummy(value: f64) -> bool {
     value.abs() >= BEYOND && value.is_finite() && DUMMIES.iter().any(|d| is_marker(value.abs(), *d))
 }
 
-/// The usual dummies of integers and tables of text.
+/// Usual dummy values of integer files and text tables.
 const USUAL: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
 
 /// A usual dummy is recognised only if it lies below all other values by this distance, in the unit of the values.
 pub(super) const GAP: f64 = 1000.0;
 
 /// Replaces markers by NaN: those of `given`, infinities, [`is_dummy`], and a usual dummy that is the lowest value and
-/// far below the next. A note counts each kind that is not in the options.
+/// far below the next. Notes count the replaced values, except those of markers in `given`.
 pub(crate) fn without_markers(values: &mut [f64], given: &[f64], usual: bool, notes: &mut Vec<String>) {
     let mut infinite = 0_usize;
     let mut dummies: Vec<(f64, usize)> = vec![];

@@ -31,11 +31,11 @@ pub(crate) struct ValueUnit<'a> {
     pub(crate) canonical: &'static str,
 }
 
-/// Rejects impossible values. `wrong` returns the error for a value's index.
+/// Rejects impossible values. `wrong` makes the error from a value's index and a message.
 ///
 /// # Errors
-/// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields), or for a
-/// largest value that consists of nines, such as 9999, and is far above the next value.
+/// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields). Also fails if
+/// the largest value is far above the next value and is a usual marker: only nines, such as 9999, or 32767.
 pub(crate) fn check(
     values: &[f64],
     unit: &ValueUnit,
@@ -67,7 +67,7 @@ pub(crate) fn check(
     Err(wrong(first, what).help(remedy(*value)))
 }
 
-/// A marker such as 9999, within the limits, far above all other values.
+/// Rejects a marker such as 9999 that is within the limits but far above all other values.
 fn nines(values: &[f64], unit: &ValueUnit, wrong: impl Fn(usize, String) -> ReadError) -> Result<(), ReadError> {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let next = values.iter().copied().filter(|v| *v < most).fold(f64::NEG_INFINITY, f64::max);

@@ -68,7 +68,7 @@ pub fn place(text: &str) -> Result<StorageLocation, Fault> {
         return Err(Fault::new("`file://` requires an absolute path, such as `file:///data/flights`"));
     }
     let Some(scheme) = ObjectStoreScheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
-        // The rest may contain a password and is not shown.
+        // The rest of the address may contain a password and is not shown.
         let fault = Fault::new(format!("addresses that begin with `{}://` are not supported", shown(scheme)));
         return Err(fault.help("use s3://, gs://, az:// or file://"));
     };

@@ -35,7 +35,7 @@ const PART: u64 = 16 << 20;
 const AT_ONCE: usize = 16;
 /// Maximum number of attempts at a request that gets no complete answer.
 const TRIALS: u32 = 4;
-/// A request is not retried later than this after its first attempt.
+/// A request is not retried if more than this time has passed since its first attempt.
 pub(super) const RETRY_TIMEOUT: Duration = Duration::from_secs(120);
 /// Number of threads that wait for answers.
 const THREADS: usize = 2;
@@ -349,8 +349,8 @@ impl Bucket {
                     (None, PutMode::Create) => {}
                     (None, PutMode::Overwrite | PutMode::Update(_)) => return Ok(false),
                 },
-                // The HTTP client does not repeat such a request, because it cannot compare the existing object; this
-                // loop does.
+                // The HTTP client does not retry a request without an answer, because it cannot compare the existing
+                // object with the bytes; this loop can.
                 Err(e) if last || !is_unanswered(&e) => return Err(self.fault("write", key, &e)),
                 Err(_) => {}
             }

@@ -7,7 +7,7 @@ use super::{
     bucket::Bucket,
 };
 
-/// Whether this program can use object stores.
+/// Checks that this program can use object stores.
 ///
 /// # Errors
 /// Fails if the program is built without object stores.

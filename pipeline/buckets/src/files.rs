@@ -1,5 +1,5 @@
 //! Inputs in object stores: copied into the cache under their own names, and copied again when the server reports
-//! another version. Results depend only on their bytes, as with files.
+//! another version. Results depend only on the bytes of the inputs, as with local files.
 
 use std::{
     collections::BTreeSet,
@@ -45,7 +45,7 @@ fn stem(key: &str) -> &str {
 }
 
 /// Whether an object is a companion of `key`, such as the header of a grid: it is in the same folder, and its name is
-/// equal up to a dot.
+/// the stem of `key`, alone or followed by a dot.
 fn is_companion(key: &str, other: &str) -> bool {
     parts(key).0 == parts(other).0
         && other.strip_prefix(stem(key)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
@@ -118,8 +118,8 @@ impl BucketCache {
         each(wanted, |about| self.bring(about))
     }
 
-    /// Removes copies below `folder` whose objects no longer exist: copies that belong to an input (`are_of`) but are
-    /// not `known`.
+    /// Removes copies whose objects no longer exist: all copies below `folder` that belong to an input according to
+    /// `are_of`, except those in `known`.
     fn forget(&self, folder: &Path, known: &BTreeSet<PathBuf>, are_of: &dyn Fn(&Path) -> bool) {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();

@@ -1,6 +1,6 @@
 //! Removal of secrets from strings: answers of a server, addresses with passwords, credentials of the environment.
 
-/// Maximum length of a string.
+/// Maximum length of an error text, in characters.
 const LONGEST: usize = 400;
 /// Replacement of a secret.
 const HIDDEN: &str = "***";
@@ -41,7 +41,7 @@ fn ending(tail: &str) -> String {
 
 fn without_answer(text: &str) -> String {
     let Some((at, mark)) = ANSWERS.iter().filter_map(|mark| text.find(mark).map(|at| (at, *mark))).min() else {
-        // An error without such a phrase may still contain a document of the server.
+        // An error without such a phrase may still contain an XML document from the server, which begins with `<`.
         return text.split('<').next().unwrap_or_default().to_owned();
     };
     let (before_answer, answer) = text.split_at(at + mark.len());

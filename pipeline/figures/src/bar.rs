@@ -26,7 +26,7 @@ pub struct ColourBar<'a> {
 }
 
 impl ColourBar<'_> {
-    /// Total breadth, with numbers and name.
+    /// Total breadth of the bar, its numbers and its name.
     pub fn breadth(&self) -> f64 {
         let apart = if self.upward { 8.0 } else { 4.0 };
         let name = if self.name.is_empty() { 0.0 } else { NAME + apart };

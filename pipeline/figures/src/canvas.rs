@@ -125,14 +125,14 @@ impl Canvas {
         }
     }
 
-    /// Length of the scale bar, a round number of metres; in metres and in px.
+    /// Length of the scale bar in metres, which is a round number, and in px.
     fn scale(&self) -> (f64, f64) {
         let metres = round_below(0.3 * self.width * self.metres_per_px());
         (metres, metres / self.metres_per_px())
     }
 
-    /// Number of the corner, other than `taken`, that covers the fewest spots; in the order bottom left, top right,
-    /// bottom right, top left.
+    /// Number of the corner, other than `taken`, in which an object covers the fewest spots. The corners in the order
+    /// of their numbers are bottom left, top right, bottom right, top left.
     fn corner(&self, spots: &[(f64, f64)], size: (f64, f64), taken: Option<usize>) -> usize {
         const AROUND: f64 = 8.0;
         let covered = |corner: usize| {

@@ -14,7 +14,7 @@ use crate::ticks;
 
 /// Maximum number of contour levels.
 const MOST: f64 = 400.0;
-/// Interval of heavier lines, in contour steps.
+/// Number of contour steps between heavier lines.
 const HEAVY: i64 = 5;
 /// Cell length on the paper for contouring; finer cells are averaged, so that noise gives no lines.
 const CELL: f64 = 2.5;
@@ -75,7 +75,7 @@ fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
         }
     }
     let mut out = vec![];
-    // Open lines begin at an end, closed lines anywhere.
+    // Open lines are followed from an end, closed lines from any edge.
     let ends: Vec<usize> = links.iter().filter(|(_, to)| to.len() == 1).map(|(at, _)| *at).collect();
     let all: Vec<usize> = links.keys().copied().collect();
     for start in ends.into_iter().chain(all) {
@@ -103,7 +103,8 @@ fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
     line
 }
 
-/// Pairs of edges of a cell that a line joins. Edge 2k runs east from node k, edge 2k + 1 north.
+/// Pairs of edges of a cell, each joined by a contour line. Edge 2k runs from node k to the east, edge 2k + 1 from node
+/// k to the north.
 fn cuts(sheet: &DisplayGrid, row: usize, column: usize, level: f64) -> Vec<(usize, usize)> {
     let width = sheet.x.len;
     let node = row * width + column;
@@ -152,7 +153,8 @@ mod tests {
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
         assert_eq!(circle[0].first(), circle[0].last());
-        // Between nodes, linear interpolation of the cone has an error of 1/8 of the curvature; the curvature is 1/12.
+        // Linear interpolation of the cone between nodes has an error of at most 1/8 of its curvature, which is about
+        // 1/12.
         assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
         let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
         let line = drawn(6, &plane, 2.0);

@@ -25,7 +25,7 @@ pub fn extremes(x: &[f64], y: &[f64], most: usize) -> Vec<(f64, f64)> {
     out
 }
 
-/// Half-widths of a band, at most `most`: the largest of each interval.
+/// Half-widths of a band at no more than `most` points: the largest half-width of each interval.
 pub fn envelope(x: &[f64], half: &[f64], most: usize) -> Vec<(f64, f64)> {
     let all: Vec<(f64, f64)> = x.iter().copied().zip(half.iter().copied()).collect();
     let largest = |part: &[(f64, f64)]| {

@@ -12,7 +12,7 @@ use super::{
 /// Part of a map and its position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GlobePatch {
-    /// Edges in the map's own longitudes, which may exceed a half turn.
+    /// Edges in the map's own longitudes, which may exceed 180 degrees.
     pub window: MapWindow,
     /// West and east, within -180 to 180 degrees.
     pub lon: (f64, f64),
@@ -177,7 +177,8 @@ mod tests {
         let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
         let run: Vec<TrackFix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
         let few = thinned(&run, 1.0);
-        // A chord of radius 2.2 km with an error of 1 m is 133 m long: a 10 km path needs 80 to 160 points.
+        // On a circle of radius 2.2 km, a chord that deviates by 1 m is 133 m long, so a path of 10 km needs 80 to 160
+        // points.
         assert!((80..160).contains(&few.len()), "{}", few.len());
         assert_eq!((few[0], few[few.len() - 1]), (run[0], run[2999]));
     }

@@ -26,7 +26,7 @@ const TITLE: (f64, f64) = (16.0, 21.0);
 const TITLE_LINES: usize = 4;
 /// Gap between the frame and the colour bar.
 const TO_BAR: f64 = 18.0;
-/// The colour bar is placed under a map that is lower than this.
+/// Height of the frame below which the colour bar is placed under the map.
 const LOW: f64 = 150.0;
 /// Minimum width of the frame; maps that would be narrower are drawn out of proportion.
 const NARROWEST: f64 = 30.0;
@@ -150,7 +150,7 @@ fn title(layout: &FigureLayout) -> Vec<SceneMark> {
     layout.title.iter().enumerate().map(line).collect()
 }
 
-/// Map over the hatching, and whether any hatching is visible.
+/// Marks of the map over the hatching, and whether any hatching is visible.
 fn map(frame: &MapFrame, look: &MapStyle, scale: &ColourScale, fine: f64) -> (Vec<SceneMark>, bool) {
     let size = ((frame.rect.w * fine).round() as usize, (frame.rect.h * fine).round() as usize);
     let pixels = ColouredMap::new(frame.picture, look, scale, size).pixels(&frame.window, size);

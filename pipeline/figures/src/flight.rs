@@ -30,8 +30,8 @@ pub struct FlightPart {
 pub struct TimePanel<'a> {
     /// Quantity and unit.
     pub label: &'a str,
-    /// Full turn, if the quantity is an angle. A line is broken where its value changes by more than half a turn from
-    /// one sample to the next.
+    /// Value of a full turn, such as 360, if the quantity is an angle. A line is broken where its value changes by more
+    /// than half a turn from one sample to the next.
     pub turn: Option<f64>,
     /// Name, colour and values of each line, one value per time; NaN breaks a line. A single line needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,
@@ -74,7 +74,7 @@ const BETWEEN: f64 = 12.0;
 const TITLE: (f64, f64) = (16.0, 21.0);
 /// Letter size of the names of parts.
 const PART: f64 = 11.0;
-/// The name of a part narrower than this is omitted above the panels.
+/// Minimum width of a part whose name is written above the panels.
 const NARROW: f64 = 8.0;
 
 /// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
@@ -179,7 +179,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
         for (row, kind) in picture.kind.iter().enumerate() {
             let (e, n) = (picture.east_m.get(row), picture.north_m.get(row));
             let place = e.zip(n).filter(|(e, n)| e.is_finite() && n.is_finite());
-            // A part is joined to the sample before it.
+            // The line of a part begins at the sample before it, so that the track has no gap.
             let next = picture.kind.get(row + 1) == Some(&k);
             points.push(place.filter(|_| *kind == k || next).map(|(e, n)| spot(*e, *n)));
         }
@@ -217,7 +217,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     Some((marks, rect.bottom() + TICK + 34.0))
 }
 
-/// Points at least a fraction of a pixel apart, including the first and the last.
+/// The points of a line that are at least a fraction of a pixel apart, and always its first and last point.
 fn spaced(run: &[PaperPoint]) -> Vec<PaperPoint> {
     const LEAST: f64 = 0.5;
     let mut out: Vec<PaperPoint> = vec![];

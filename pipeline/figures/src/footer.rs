@@ -18,7 +18,7 @@ const NAMED: usize = 24;
 /// Entry of the legend.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LegendEntry {
-    /// Length on the paper and on the ground, in metres.
+    /// Scale bar: length on the paper, and length on the ground in metres.
     Scale(f64, f64),
     /// North arrow.
     North,

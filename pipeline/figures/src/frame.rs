@@ -103,8 +103,9 @@ pub fn bottom_margin(picture: &MapPicture) -> f64 {
     LENGTH + TICK + 4.0 + if labels(picture, 0.0).0.is_some() { 20.0 } else { 0.0 }
 }
 
-/// Names of the axes: the given names; otherwise, quantity and unit for metres, and none for degrees, whose ticks
-/// include the unit. The vertical name is omitted if the frame is too low for the name.
+/// Names of the axes: the given names, if any. Otherwise an axis in metres is named by its quantity and unit; an axis
+/// in degrees has no name, because its ticks include the unit. The vertical name is omitted if the frame is too low for
+/// it.
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),

@@ -95,7 +95,7 @@ pub struct MapStyle {
     pub scale_bar: bool,
     /// Whether there is a north arrow.
     pub north: bool,
-    /// Whether cells larger than a pixel are interpolated bilinearly or drawn uniformly.
+    /// Whether cells larger than a pixel are interpolated bilinearly; otherwise each has one colour.
     pub blend: bool,
 }
 
@@ -140,7 +140,7 @@ fn track_colour(given: Option<[u8; 3]>, index: usize) -> [u8; 3] {
 /// Map as a PNG file.
 ///
 /// # Errors
-/// Fails if the map has no known value or its sizes disagree, or `look` cannot be satisfied.
+/// Fails if the map has no known value, the sizes of its parts disagree, or `look` cannot be satisfied.
 pub fn png(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     pixels::png(&scene)

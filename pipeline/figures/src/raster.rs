@@ -17,7 +17,7 @@ const MOST: usize = 720;
 /// unknown cells.
 const COLOURS: usize = 42;
 const LIGHTS: usize = 6;
-/// Minimum and maximum light; level ground has 1.
+/// Minimum and maximum light, relative to the light on level ground.
 const LIGHT: (f64, f64) = (0.55, 1.2);
 
 /// Rectangle of latitudes and longitudes, in degrees.

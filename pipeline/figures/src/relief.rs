@@ -21,7 +21,7 @@ impl Default for HillShading {
     }
 }
 
-/// Fraction of the slopes that are drawn at less than 45 degrees.
+/// Fraction of the slopes that are below 45 degrees after the heights are scaled.
 const GENTLE: f64 = 0.9;
 
 /// Light on each node of `sheet` relative to level ground, which has 1; unknown nodes also have 1. `ground` is the
@@ -154,8 +154,8 @@ mod tests {
     #[test]
     fn unit_plane_has_uniform_lambertian_light() {
         let shade = HillShading { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
-        // A slope of 45 degrees, flattened to a rise of 1 in the square root of 2, which descends to the east, towards
-        // the light. Expected: the cosine between the slope's normal and the light, relative to level ground.
+        // The slope of 45 degrees is flattened to a gradient of 1/√2; it descends to the east, towards the light.
+        // Expected: the cosine between the slope's normal and the light, relative to level ground.
         let steep = (0.5f64).sqrt().atan();
         let exact = (60f64.to_radians() - steep).cos() / 60f64.to_radians().cos();
         for light in lit(6, 5, |x, _| -7.0 * x, &shade) {

@@ -28,8 +28,7 @@ const QUANTILES: usize = 256;
 /// Colours of values.
 #[derive(Clone, Debug)]
 pub struct ColourScale {
-    /// Values with their positions on the palette, both ascending, with linear interpolation in between. There are at
-    /// least two.
+    /// At least two values with their positions on the palette, both ascending, with linear interpolation in between.
     knots: Vec<(f64, f64)>,
     palette: Palette,
     equalised: bool,
@@ -153,7 +152,7 @@ fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     vec![(low - around, 0.0), (low + around, 1.0)]
 }
 
-/// Linear between requested ends: a diverging palette keeps white at zero.
+/// Linear scale between the requested ends; a diverging palette keeps white at zero.
 fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     if palette != Palette::Diverging {
         return vec![(low, 0.0), (high, 1.0)];
@@ -175,7 +174,7 @@ fn equal_areas(mut sorted: Vec<f64>, palette: Palette) -> Vec<(f64, f64)> {
     mirrored.chain([(0.0, 0.5)]).chain(half.iter().map(|(v, p)| (*v, 0.5 + 0.5 * p))).collect()
 }
 
-/// Value and rank at evenly spaced ranks; ties appear once, at their middle rank.
+/// Values at evenly spaced ranks, each with its rank; equal values appear once, at the middle of their ranks.
 fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
     let mut knots: Vec<(f64, f64)> = vec![];
     let mut tied_from = 0.0;

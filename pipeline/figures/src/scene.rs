@@ -127,13 +127,13 @@ pub enum SceneMark {
     },
     /// A line of text.
     Text {
-        /// Position of its anchor, on the base line.
+        /// Position of the text's anchor, which is on the base line.
         at: PaperPoint,
         /// Text.
         text: String,
         /// Size of its letters.
         size: f64,
-        /// Part of the text at `at`.
+        /// Part of the text that is placed at `at`.
         anchor: TextAnchor,
         /// Whether it is rotated to read upwards.
         turned: bool,
@@ -141,7 +141,7 @@ pub enum SceneMark {
 }
 
 impl SceneMark {
-    /// A frame of a rectangle.
+    /// Outline of a rectangle.
     pub fn frame(rect: &Rect, width: f64) -> SceneMark {
         let corners = rect.corners();
         let sides = (0..4).map(|k| vec![corners[k], corners[(k + 1) % 4]]).collect();

@@ -15,14 +15,14 @@ pub struct MapWindow {
 }
 
 impl MapWindow {
-    /// Whole map: half a step beyond its outermost nodes.
+    /// Window of the whole map, which extends half a step beyond the outermost nodes.
     pub fn from_picture(picture: &MapPicture) -> MapWindow {
         let edges = |a: &EvenAxis| (a.at(-0.5), a.at(a.len as f64 - 0.5));
         MapWindow { x: edges(&picture.x), y: edges(&picture.y) }
     }
 }
 
-/// Values on nodes that are no denser than the pixels, rows from the south.
+/// Values of a map on nodes that are not denser than the pixels of the picture, rows from the south.
 #[derive(Clone, Debug)]
 pub struct DisplayGrid {
     /// Coordinates of the columns.
@@ -232,7 +232,7 @@ mod tests {
         let part = PixelInterpolator::new(&part, &half, (30, 40), true).interpolate(&part.values);
         let whole = drawn(&map, (60, 40), true);
         for (k, value) in part.iter().enumerate() {
-            // The same position computed from another edge.
+            // The positions are computed from different edges, so rounding differs.
             assert!((value - whole[k / 30 * 60 + k % 30]).abs() < 1e-10);
         }
     }

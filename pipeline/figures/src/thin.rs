@@ -1,8 +1,8 @@
 //! Reduction of the points of a line within a tolerance.
 
-/// Ascending indices of the points to keep among `count` points, including the first and the last. For a dropped point,
-/// `distance(from, to, point)` to the segment between its kept neighbours is at most `tolerance`. [Douglas and Peucker
-/// 1973]
+/// Ascending indices of the points to keep among `count` points, including the first and the last. A point is dropped
+/// only if its `distance(from, to, point)` to the segment between its kept neighbours is at most `tolerance`. [Douglas
+/// and Peucker 1973]
 pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {
     let Some(last) = count.checked_sub(1) else { return vec![] };
     let mut keep = vec![false; count];

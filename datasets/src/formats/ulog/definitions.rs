@@ -19,7 +19,7 @@ struct UlogFieldDeclaration {
 pub(super) struct UlogMessageLayout {
     /// The columns, without padding.
     pub(super) columns: Vec<RecordColumn>,
-    /// Number of bytes of a message without the padding at its end, which may be missing partly or completely.
+    /// Number of bytes of a message without the padding at its end; a message may lack some or all of the padding.
     pub(super) least: usize,
     /// Number of bytes of a message with the padding at its end.
     pub(super) most: usize,
@@ -35,7 +35,7 @@ pub(super) struct UlogFormats {
 
 /// Maximum nesting of formats; PX4 has two levels.
 const DEPTH: usize = 16;
-/// The longest message, whose length has 16 bits.
+/// Maximum length of a message, which is stored in 16 bits.
 const LONGEST: usize = u16::MAX as usize;
 
 impl UlogFormats {
@@ -115,7 +115,7 @@ impl UlogBasicType {
     }
 }
 
-/// Columns of a format with nested formats flattened, while they are collected.
+/// Collector of the columns of a format, with nested formats flattened.
 #[derive(Default)]
 struct UlogColumnBuilder {
     columns: Vec<RecordColumn>,

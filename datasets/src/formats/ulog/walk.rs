@@ -20,7 +20,7 @@ use crate::ReadError;
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const HEADER: usize = 16;
 const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
-/// Size of the window in bytes: four messages of any length.
+/// Size of the window in bytes: four messages of about the maximum length.
 const AHEAD: usize = 1 << 18;
 /// Maximum length of a message of an unknown type, as in pyulog.
 const LONGEST_UNKNOWN: usize = 10_000;
@@ -37,7 +37,7 @@ pub(super) struct UlogTopic {
     pub(super) layout: UlogMessageLayout,
     /// Number of messages so far.
     pub(super) rows: u64,
-    /// Number of messages in another layout, after a redefinition of the topic's format.
+    /// Number of messages that have another layout because the topic's format was redefined.
     pub(super) others: u64,
     /// Messages that are shorter or longer than their definition.
     pub(super) misfits: LengthMismatches,
@@ -87,7 +87,7 @@ impl UlogTopic {
     }
 }
 
-/// A subscription: an id of data messages.
+/// A subscription, which assigns an id of data messages to a topic.
 struct Subscription {
     topic: usize,
     least: usize,
@@ -108,12 +108,12 @@ pub(super) struct UlogScanState {
     /// The subscription of each id.
     ids: Vec<u32>,
     pub(super) version: u8,
-    /// Positions of appended data, in descending order; a message before each may be truncated.
+    /// Positions of appended data, in descending order; the message before each position may be truncated.
     pub(super) appended: Vec<u64>,
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
     pub(super) damage: Damage,
-    /// Number of bytes of messages that are truncated, at the end of the file or where data were appended.
+    /// Number of bytes of messages that are truncated at the end of the file or where data were appended.
     pub(super) cut: u64,
     /// Number of messages with ids or types without a definition.
     pub(super) unknown: u64,
@@ -256,7 +256,8 @@ impl UlogScanState {
         self.subscriptions.get(*self.ids.get(usize::from(id))? as usize)
     }
 
-    /// Classification of the first bytes. `bytes` holds a whole message, or extends to the end of the file or section.
+    /// Classification of the first bytes. `bytes` must contain at least one whole message, or extend to the end of the
+    /// file or section.
     #[inline]
     fn found(&self, bytes: &[u8]) -> UlogMatch {
         let Some((size, kind)) = size_of(bytes) else {
@@ -317,7 +318,7 @@ impl UlogScanState {
             UlogMatch::Unsure(length) => {
                 depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
-            // Each message has a known type and id, so several consecutive messages are not accidental.
+            // A data message with a wrong length still has a known id, so several in succession are not accidental.
             UlogMatch::Misfit(length) => {
                 depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
@@ -330,7 +331,7 @@ impl UlogScanState {
         match self.found(bytes) {
             _ if messages == 0 => true,
             UlogMatch::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
-            // A truncated message at the start does not count.
+            // A truncated message is accepted only after a complete one.
             UlogMatch::Cut => messages < 3,
             UlogMatch::Nothing => bytes.is_empty(),
             UlogMatch::Unsure(_) | UlogMatch::Misfit(_) => false,
@@ -427,7 +428,7 @@ impl UlogScanState {
         }
     }
 
-    /// Flags of required features, and the positions of appended data.
+    /// Reads the flags of required features and the positions of appended data.
     fn flags(&mut self, path: &Path, body: &[u8]) -> Result<(), ReadError> {
         /// Data are appended to the file.
         const APPENDED: u8 = 1;
@@ -454,10 +455,11 @@ impl UlogScanState {
     }
 }
 
-/// Whether the length, and the body if complete, are possible for a message of this type other than data.
+/// Whether the length, and the body if it is complete, are possible for a message of the type `kind`, which is not
+/// data.
 fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
     let check = |test: &dyn Fn(&[u8]) -> bool| body.is_none_or(test);
-    // Log levels are syslog levels, as digits or numbers.
+    // Log levels are the syslog levels 0 to 7, stored as characters or numbers.
     let level = |b: &[u8]| b.first().is_some_and(|l| (b'0'..=b'7').contains(l) || *l <= 7);
     match kind {
         b'S' => size == SYNC.len() && check(&|b| b == SYNC),
