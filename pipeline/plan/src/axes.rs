@@ -31,7 +31,7 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
     }
 }
 
-/// The axes in the declaration of a stage, as positions in the spec.
+/// The axes that the declaration of a stage mentions, as positions in the spec.
 ///
 /// # Errors
 /// Fails if the stage mentions an axis that the spec does not have.

@@ -13,7 +13,7 @@ use crate::spec::{Spec, SpecFaults, StageDecl};
 /// Maximum number of points; more are probably a mistake.
 const MOST_POINTS: usize = 10_000_000;
 
-/// See [`Plan::new`]; with a record the inputs are not opened.
+/// Builds a plan as [`Plan::new`] does; with a record, the inputs are not opened.
 pub fn build(spec: Spec, catalogue: &[StageEntry], recorded: Option<&RecordedPlan>) -> Result<Plan, SpecFaults> {
     let mut builder = PlanBuilder::new(&spec, catalogue, recorded);
     builder.names();
@@ -128,7 +128,7 @@ impl PlanBuilder<'_> {
             return None;
         }
         if inputs.iter().any(|name| self.broken.contains(name)) {
-            // The parameters of the stage are still checked.
+            // The parameters of the stage are checked even if an input is faulty.
             self.parameters(decl, entry);
             return None;
         }
@@ -194,14 +194,15 @@ impl PlanBuilder<'_> {
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 
-    /// Whether a key column of a stage holds a parameter of the same name whose value comes from the axis of that name.
+    /// Whether `column` is a key column for a parameter of the same name that takes its value from the axis of that
+    /// name.
     fn is_own_value(&self, node: &TableNode, column: &Column) -> bool {
         let given = self.spec.stages.get(node.decl).and_then(|decl| decl.args.get(&column.name));
         let axis = given.and_then(|given| given.value.as_text()).and_then(|text| text.strip_prefix('$'));
         column.role == Role::Key && axis == Some(column.name.as_str())
     }
 
-    /// Checks that no axis column hides another column.
+    /// Checks that no axis has the name of another column.
     fn axis_columns(&mut self, node: &TableNode) {
         let columns = node.columns();
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
@@ -210,7 +211,8 @@ impl PlanBuilder<'_> {
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }
             let clash = columns.iter().find(|c| c.name == axis.name);
-            // In a small table, `model` or `method` may be the value of the axis of that name.
+            // In a small table, an axis may have the name of a column such as `model` or `method` that holds the axis
+            // value.
             let own = axis.name == "model" || clash.is_some_and(|column| self.is_own_value(node, column));
             if clash.is_some() && !(node.is_small() && own) {
                 let what = format!("the axis `{}` has the same name as a column of `{}`", axis.name, node.name);

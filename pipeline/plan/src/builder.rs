@@ -17,7 +17,7 @@ use crate::{
 /// Maximum number of faults of a stage; with more faults, the other points of the stage are not checked.
 pub const MOST_FAULTS: usize = 20;
 
-/// Use of a table of files by a stage.
+/// Role in which a stage uses a table of files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TableUse {
     /// Flight lines.
@@ -36,17 +36,17 @@ pub struct PlanBuilder<'a> {
     pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
-    /// Schema that stages see, for each table of `flights`.
+    /// For each table in `flights`, the schema that stages see.
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
     /// Schemas of a map without and with the error of each node.
     pub map_shapes: [Arc<Table>; 2],
-    /// Schema that stages see, for each map of `maps`.
+    /// For each map in `maps`, the schema that stages see.
     pub wholes: Vec<Arc<Table>>,
     /// Opened tables of files, by name and use; `None` if a file could not be opened.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
     pub tables: Vec<TableNode>,
-    /// Faulty stages; their dependents are not checked.
+    /// Names of faulty stages. Of the stages that depend on them, only the parameters are checked.
     pub broken: Vec<String>,
     pub notes: Vec<String>,
     /// Parsed predicates, by their text and the columns that they can use. Most points of a sweep share one predicate.

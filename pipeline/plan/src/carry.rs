@@ -9,7 +9,7 @@ use super::{builder::PlanBuilder, node::StageVariant};
 use crate::spec::StageDecl;
 
 impl PlanBuilder<'_> {
-    /// The columns of `carry` that only pass through; the others are written in any case.
+    /// The columns of `carry` that would not be written without `carry`, unlike key, time, axis and computed columns.
     pub fn carry(
         &mut self,
         decl: &StageDecl,

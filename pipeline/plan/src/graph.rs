@@ -40,7 +40,7 @@ pub struct PlanGraph<'a> {
     pub(super) sets: LineSets,
     /// Column names, by number.
     pub(super) names: ColumnNames,
-    /// For each table of flights, the keys of each column that stages read, by line.
+    /// For each table of flights and each column that stages read, the key of the column on each line.
     pub(super) sources: Vec<HashMap<ColumnNumber, Vec<Option<HashKey>>>>,
     /// Key data of each table.
     pub(super) nodes: Vec<NodeKeys>,
@@ -50,7 +50,7 @@ pub struct PlanGraph<'a> {
     pub(super) seen: Vec<OnceLock<Result<InSampleLines, Fault>>>,
 }
 
-/// Unit of computation: an instance of a table, on one line or on all lines.
+/// Unit of computation: a table at one point of the sweep, on one line or on all lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PlanUnit {
     /// The table.
@@ -121,7 +121,7 @@ impl<'a> PlanGraph<'a> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
-        // `lines` is made from all records, so it contains the line of each record.
+        // `lines` is made from all records, so the line of each record is found.
         let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
         let records: Vec<BTreeMap<LineId, LineRecord>> =
             sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();
@@ -171,7 +171,7 @@ impl<'a> PlanGraph<'a> {
         }
     }
 
-    /// The lines of an instance.
+    /// The lines of a table at one of its points.
     pub fn lines_of(&self, table: usize, instance: usize) -> &[LineId] {
         self.sets.point_lines(table, instance)
     }
@@ -214,8 +214,8 @@ impl<'a> PlanGraph<'a> {
         }
     }
 
-    /// Origin of the column `column` of `r`: the upstream stage that made the column, as opposed to stages that only
-    /// pass it on.
+    /// Origin of the column `column` of `r`: the upstream stage that made the column, not a stage through which it only
+    /// passes.
     pub fn origin(&self, r: TableRef, column: &str) -> ColumnLocation {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,
@@ -224,7 +224,8 @@ impl<'a> PlanGraph<'a> {
         ColumnLocation { made_by, column: column.to_owned() }
     }
 
-    /// The stage that made a column of `r`, and the index of the column in this stage.
+    /// The stage that made a column of `r`, and the index of the column among the columns that this stage makes. For a
+    /// column that no stage makes, the source of the column and `None`.
     pub(super) fn made_by(&self, mut r: TableRef, name: ColumnNumber) -> (TableRef, Option<usize>) {
         while let TableRef::Stage(t, i) = r {
             let node = &self.plan.tables[t];
@@ -242,7 +243,7 @@ impl<'a> PlanGraph<'a> {
         (r, None)
     }
 
-    /// The source of a column that no stage makes.
+    /// The source of the columns of `r` that no stage makes.
     pub(super) fn bottom(&self, mut r: TableRef) -> TableRef {
         while let TableRef::Stage(t, i) = r
             && let Some((_, first)) = self.plan.tables[t].inputs(i).next()

@@ -24,7 +24,7 @@ struct SweepGridSide {
     together: usize,
     /// The number of axis values.
     length: usize,
-    /// The stride of the axis values in the index.
+    /// Difference between the indices of two points with adjacent values of the axis.
     stride: usize,
 }
 
@@ -84,7 +84,7 @@ impl SweepGrid {
         self.place(i).filter_map(value).collect()
     }
 
-    /// The point whose values have these positions, in the order of the sides; `None` if there is no such value.
+    /// The point whose axis values have the positions `place`, one for each side; `None` if a position is out of range.
     pub fn number(&self, place: &[usize]) -> Option<usize> {
         let fits = place.len() == self.sides.len() && place.iter().zip(&self.sides).all(|(at, s)| *at < s.length);
         fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
@@ -99,7 +99,8 @@ impl SweepGrid {
         (0..length).map(move |k| first + k * stride)
     }
 
-    /// Positions in `other` of the points of this grid; axes that only `other` has are at their first value.
+    /// Mapping from the points of this grid to the points of `other`. For axes that only `other` has, the first value
+    /// is used.
     pub fn onto(&self, other: &SweepGrid) -> SweepPointMap {
         let mut steps: Vec<SweepStride> = vec![];
         for own in &self.sides {
@@ -116,7 +117,7 @@ impl SweepGrid {
         SweepPointMap { steps }
     }
 
-    /// The axes that this grid does not share with `other`.
+    /// The grid over the axes that this grid does not share with `other`.
     pub fn without(&self, other: &SweepGrid) -> SweepGrid {
         let own = self.sides.iter().filter(|s| !other.axes().any(|a| a == s.axis));
         SweepGrid::over(own.map(|s| (s.axis, s.together, s.length)).collect())
@@ -143,7 +144,7 @@ impl SweepPointMap {
     }
 }
 
-/// Values that depend on the position of a point on some of its axes.
+/// Values that depend on the position of a point along some of the axes.
 #[derive(Clone, Debug)]
 pub struct SweepValues<T> {
     grid: SweepGrid,
@@ -152,7 +153,8 @@ pub struct SweepValues<T> {
 }
 
 impl<T: Clone + PartialEq> SweepValues<T> {
-    /// Creates a look-up from the points of `whole` to values at the points of `grid`. Axes without effect are dropped.
+    /// Creates a look-up for the points of `whole`, from values at the points of `grid`. Axes along which the values do
+    /// not change are dropped.
     pub fn new(whole: &SweepGrid, grid: SweepGrid, values: Vec<T>) -> SweepValues<T> {
         let (grid, values) = reduced(grid, values);
         SweepValues { onto: whole.onto(&grid), grid, values }

@@ -18,7 +18,7 @@ use crate::{
     spec::{SourceDecl, StageDecl},
 };
 
-/// Maximum number of different names that one string with axes may give.
+/// Maximum number of names to which one string with references to axes may expand.
 const MOST_NAMES: usize = 1_000_000;
 
 impl PlanBuilder<'_> {
@@ -76,7 +76,8 @@ impl PlanBuilder<'_> {
         fine.then_some(slots)
     }
 
-    /// Whether an entry of an input contains only names. A list is permitted only for several tables.
+    /// Whether an entry of an input expands only to names. It may expand to lists only if the input accepts several
+    /// tables (`many`).
     fn is_right(&self, item: &Literal, many: bool) -> bool {
         let Literal::Text(_) = item else { return false };
         let grid = SweepGrid::new(&axes_of(item, self.spec), self.spec);
@@ -87,7 +88,7 @@ impl PlanBuilder<'_> {
         })
     }
 
-    /// Target of one entry of an input, and the smallest number of tables that the entry gives at any point.
+    /// Targets of one entry of an input, and the smallest number of tables to which the entry expands at any point.
     fn slot(
         &mut self,
         item: &Literal,

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::sources::LineRecord;
 
-/// Number of a column name.
+/// Number that represents a column name.
 pub(super) type ColumnNumber = u32;
 
 /// The names of columns that stages make or read.
@@ -44,12 +44,12 @@ pub(super) struct NodeKeys {
     pub(super) variants: Vec<Arc<VariantKeys>>,
     /// The columns that the table makes at any point.
     pub(super) makes: Vec<ColumnNumber>,
-    /// Mapping from the table's points to the points at which its input data differ.
+    /// Mapping from the table's points to the points of a smaller grid, which has only the axes on which the input data
+    /// depend.
     to_data: SweepPointMap,
     /// Maximum number of lines of a point; 1 for a survey stage.
     width: u64,
-    /// First numbers in the cache: for the keys of units, for the keys of their data, and for the keys of their
-    /// columns.
+    /// First cache numbers of the keys of units, of the keys of the units' data, and of the keys of the units' columns.
     units: u64,
     data_units: Option<u64>,
     columns: u64,
@@ -148,7 +148,8 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// Index of a line among the lines of an instance. A line that the instance does not have is not cached.
+    /// Index of a line among the lines of the point `i` of the table `t`. `None` for any other line, whose key is not
+    /// cached.
     fn position(&self, t: usize, i: usize, line: Option<LineId>) -> Option<u64> {
         match line {
             None => Some(0),
@@ -223,7 +224,7 @@ impl PlanGraph<'_> {
         Ok(HashKey::of_bytes(&text))
     }
 
-    /// Whether a line is in sample for the input scores, if `column` is `IN_SAMPLE`.
+    /// Whether a line is in sample for the input scores, if `column` is `IN_SAMPLE`; otherwise `None`.
     fn read_in_sample(
         &self,
         (kind, r): (InputKind, TableRef),
@@ -331,7 +332,7 @@ impl PlanGraph<'_> {
 }
 
 impl NodeKeys {
-    /// Creates the key data, with cache numbers from `numbers` on.
+    /// Creates the key data; the first cache number is `numbers`, which is advanced.
     pub(super) fn new(
         plan: &Plan,
         node: &TableNode,

@@ -89,7 +89,7 @@ pub struct Plan {
     pub notes: Vec<String>,
 }
 
-/// The target of an input of a stage.
+/// The table to which an input of a stage refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum TableRef {
     /// A table of flights, as a position in [`Plan::flights`].
@@ -120,7 +120,8 @@ impl Plan {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
-    /// Maximum number of points of a table. In a search, the limit applies to all trials and rungs together.
+    /// Maximum number of points of a table. In a search, the points of all trials at all rungs count, including trials
+    /// that are not known yet.
     pub fn most_points(&self, table: &TableNode) -> usize {
         let searched = &self.spec.searched;
         let depends = table.axes.iter().any(|a| searched.contains(a));
@@ -196,7 +197,7 @@ impl Plan {
         self.tables.get(table).map_or("", |t| t.name.as_str())
     }
 
-    /// The name of a reference in the spec.
+    /// The name of the table `r` in the spec.
     pub fn name_of(&self, r: TableRef) -> &str {
         match r {
             TableRef::Flights(i) => &self.flights[i].name,

@@ -64,7 +64,7 @@ mod tests {
         let known = (0..1000).filter(|n| memo.get(*n).is_some()).count();
         assert!((100..=128).contains(&known), "{known}");
         assert!((0..1000).all(|n| memo.get(n).is_none_or(|k| k == key(n))));
-        // The last keys are cached.
+        // The last 100 keys are still cached.
         assert!((900..1000).all(|n| memo.get(n) == Some(key(n))));
     }
 }

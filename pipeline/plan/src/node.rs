@@ -20,7 +20,7 @@ use crate::{
 pub struct TableNode {
     /// Name in the spec.
     pub name: String,
-    /// The position of the table's declaration.
+    /// The position of the table's declaration in the text of the spec.
     pub at: SpecSpan,
     /// Declaration, as a position in the spec's stages.
     pub decl: usize,
@@ -67,7 +67,7 @@ impl StageVariant {
 pub(super) struct InputSlot {
     /// Kind.
     pub kind: InputKind,
-    /// Target, which may depend on axes.
+    /// Target tables, which may depend on axes.
     pub targets: SweepValues<Arc<[InputTarget]>>,
 }
 
@@ -106,7 +106,7 @@ impl TableNode {
         &self.grid
     }
 
-    /// Whether the table is one small file, as for models and scores.
+    /// Whether the table is one small file, such as a table of models or scores.
     pub fn is_small(&self) -> bool {
         self.entry.yields.is_small()
     }
@@ -121,7 +121,7 @@ impl TableNode {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
-    /// Input tables over all points, without duplicates; the table of a stage at its first point.
+    /// Input tables over all points, without duplicates; the first point represents all points of a stage.
     pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
@@ -165,7 +165,7 @@ impl TableNode {
         self.tables.iter().filter_map(|t| t.shape().get(name)).collect()
     }
 
-    /// Points that cover all inputs: one for each variant and each choice of input names.
+    /// Points that together cover all inputs: one for each combination of a variant and a choice of input names.
     pub fn examples(&self, spec: &Spec) -> impl Iterator<Item = usize> + '_ {
         let names = self.slots.iter().flat_map(|s| s.targets.grid().axes());
         let axes: Vec<usize> = self.variant.grid().axes().chain(names).collect();
@@ -223,7 +223,7 @@ impl<'p> StageInstance<'p> {
         self.node.inputs(self.index).next().map(|(_, r)| r)
     }
 
-    /// The kind of each of its inputs.
+    /// The kind of each input.
     pub fn kinds(&self) -> Vec<InputKind> {
         self.node.inputs(self.index).map(|(k, _)| k).collect()
     }

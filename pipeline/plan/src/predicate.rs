@@ -18,7 +18,7 @@ use datafusion::{
 use expressions::{deep, parse, physical, schema_of};
 use schemas::{Fault, TableShape};
 
-/// Name of the predicate in a fault.
+/// Name of a predicate in messages.
 const SUBJECT: &str = "`where`";
 
 /// A `where` expression, checked against the columns of its input.

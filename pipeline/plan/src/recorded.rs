@@ -40,7 +40,7 @@ pub struct RecordedPlan {
     maps: Vec<RecordedMap>,
 }
 
-/// A trial at a rung.
+/// A trial of a search at one of its rungs.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RecordedTrial {
@@ -53,7 +53,7 @@ struct RecordedTrial {
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum RecordedValue {
-    /// Shortest spelling that parses to the same value.
+    /// A number in the shortest spelling that parses to the same value.
     Real(String),
     Whole(i64),
     Choice(usize),

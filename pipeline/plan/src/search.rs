@@ -17,7 +17,7 @@ pub struct SearchGoal {
     pub table: usize,
     /// Metric.
     pub metric: Metric,
-    /// Preferred values of the metric.
+    /// Values of the metric that the search prefers.
     better: MetricPreference,
     /// Lines over which the goal is pooled; `None` for all lines.
     pub lines: Option<Predicate>,

@@ -14,7 +14,7 @@ use super::{LineId, PlanGraph, PlanUnit, TableNode, TableRef};
 
 impl TableNode {
     /// Meaning of the column [`IN_SAMPLE`] of a published table; `None` for a table without this column. Tables of line
-    /// scores have this column, and tables that pool line scores.
+    /// scores and tables that pool line scores have this column.
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
@@ -78,7 +78,7 @@ impl<'a> InSampleColumn<'a> {
         Ok(Some(InSampleColumn { graph, seen }))
     }
 
-    /// Number of in-sample lines, and number of all lines, from which the rows of a unit were computed.
+    /// Number of in-sample lines, and total number of lines, from which the rows of a unit were computed.
     pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {

@@ -43,9 +43,9 @@ const MODEL_VERSION: &str = "model 1";
 pub struct Flights {
     /// Name in the spec.
     pub name: String,
-    /// Columns of all files together.
+    /// Columns that any of the files has.
     pub shape: TableShape,
-    /// Arrow fields of all files together.
+    /// Arrow fields of these columns.
     pub schema: SchemaRef,
     /// Notes for the user on the files.
     pub notes: Vec<String>,
@@ -159,14 +159,15 @@ impl Flights {
         Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
     }
 
-    /// Creates a table with the columns `schema` and known lines, which has no files to read.
+    /// Creates a table with the recorded columns `schema`. It has no files to read, because its lines are also
+    /// recorded.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let shape = TableShape { columns: columns.into(), rate_hz: None };
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
-    /// Files, and the inputs of its simulations.
+    /// The files of the table, and the input files of its simulations.
     ///
     /// # Errors
     /// Fails if the spec of a simulation cannot be read.
@@ -218,7 +219,7 @@ fn merge(
     }
 }
 
-/// Content of a table of files without flight lines.
+/// Content of a table of files that has no flight lines.
 enum MapSourceContent {
     /// A map.
     Map {
@@ -262,7 +263,7 @@ impl MapSource {
     /// # Errors
     /// Fails for unknown options.
     pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
-        // The file was read when the plan was made, so a stage that requires the error has it.
+        // The plan was made with the file, so any stage that requires the error has been checked.
         Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 

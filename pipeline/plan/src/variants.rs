@@ -53,7 +53,7 @@ impl PlanBuilder<'_> {
         SweepGrid::new(&axes, self.spec)
     }
 
-    /// Checks only the parameters, when nothing else can be checked.
+    /// Checks only the parameters of a stage, because nothing else can be checked.
     pub fn parameters(&mut self, decl: &StageDecl, entry: &StageEntry) {
         let own = own_args(decl, entry);
         let grid = self.own_axes(&own);
@@ -282,14 +282,16 @@ impl<'a> UnusedParameters<'a> {
 #[derive(Default)]
 struct VariantCollector {
     variants: Vec<StageVariant>,
-    /// For each variant, the position of its table.
+    /// For each variant, the position of its table in `tables`.
     table: Vec<u32>,
     tables: Vec<Arc<Table>>,
     /// Distinct schemas by hash.
     schemas: HashMap<u64, Vec<Arc<StageSchema>>>,
-    /// Variants by the addresses of their schema, first input table and restriction of rows; 0 for none.
+    /// Index of each variant, by the addresses of its schema, its first input table and its restriction of rows (0 if
+    /// absent).
     known: HashMap<[usize; 3], u32>,
-    /// Tables by the address of their schema, and the address and sample rate of the table whose rows they continue.
+    /// Index of each table, by the address of its schema and by its first input table: the address if columns pass
+    /// through, otherwise only the sample rate.
     outcomes: HashMap<(usize, usize, Option<u64>), u32>,
     tables_alike: HashMap<u64, Vec<u32>>,
 }

@@ -103,8 +103,8 @@ impl FileFact {
         FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
-    /// Same check for a note of an earlier process. In addition, the file must have been unchanged for `RACY_NS` when
-    /// it was read.
+    /// Same check for a fact that an earlier process recorded. In addition, the file must have been unchanged for
+    /// `RACY_NS` when it was read.
     fn still_is_of(&self, path: &Path) -> bool {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
@@ -115,7 +115,7 @@ impl FileFact {
         seen.still_is_of(path).then_some(seen)
     }
 
-    /// Pretends that the file was read much later.
+    /// The same fact, with a much later time of reading.
     #[cfg(test)]
     pub(super) fn older(mut self) -> FileFact {
         self.at_ns += 10 * RACY_NS;
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     fn aged(path: &Path) {
-        // Pretends that the file was read later, instead of waiting for 2 s.
+        // Sets a later time of reading, instead of waiting for 2 s.
         for entry in fs::read_dir(path.join("sources")).unwrap().flatten() {
             let seen: FileFact = note::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
             fs::write(entry.path(), note::sealed(&seen.older()).unwrap()).unwrap();
@@ -219,7 +219,7 @@ mod tests {
             let time = fs::metadata(&path).unwrap().modified().unwrap();
             let old = hash(false);
             if trial % 2 == 0 {
-                // Long after the write, the change time distinguishes the files.
+                // If a file is read long after it was written, its change time distinguishes it from later versions.
                 aged(store.root());
                 std::thread::sleep(Duration::from_millis(20));
             }

@@ -286,7 +286,7 @@ impl LogExport<'_> {
         Ok(())
     }
 
-    /// Renames the complete files to their final names. Also returns whether all already existed.
+    /// Renames the complete files to their final names. Also returns whether all files already existed.
     fn publish(&self, open: BTreeMap<String, ExportFile>, from: HashKey) -> Result<(Vec<PathBuf>, bool), Fault> {
         let (mut files, mut unchanged) = (vec![], !open.is_empty());
         let mut whole = vec![];

@@ -81,8 +81,8 @@ struct IndexLine {
 }
 
 impl IndexLine {
-    /// Fault for all lines of the file: the time of day is written as digits, such as 123456. A line shorter than a
-    /// minute does not show this fault.
+    /// Fault for all lines of the file: the time of day is written as digits, such as 123456. On a line shorter than a
+    /// minute, this fault cannot be detected.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
         let mut fault = faults.find(|f| f.what == clock_digits::WHAT)?.clone();
@@ -154,7 +154,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
                 let name =
                     |i: usize| files.get(i).map(|f: &FileDigest| f.path.display().to_string()).unwrap_or_default();
                 if line.flight == MISSING || line.line == MISSING {
-                    // If several files have rows without a line, the fault names all of them.
+                    // If several files have rows without a line, one fault names all these files.
                     last.fault.get_or_insert_default().what += &format!("; more such rows are in {}", name(line.file));
                     continue;
                 }
@@ -195,9 +195,10 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
     })
 }
 
-/// Receives every step of the reading.
+/// Callback for every step of reading.
 type ReadCallback<'a> = &'a (dyn Fn(&ReadProgress) + Sync);
-/// Receives the progress of one file: whether its lines are simulated, the number done, and their total.
+/// Callback for the progress of one file: whether its lines are simulated, the number of finished lines, and the total
+/// number if known.
 type LineCallback<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 
 /// The options for reading the files of a table.
@@ -332,7 +333,7 @@ fn ingest(
 }
 
 /// Unwraps a line's time at midnight, checks the line, hashes its columns, and stores it. Also returns its quality
-/// figures. Faults that the reader found in a row come first.
+/// figures. Faults that the reader found in rows precede the other faults.
 fn put(
     packer: &LinePacker,
     whole: LineBatches,
@@ -341,7 +342,7 @@ fn put(
 ) -> Result<(IndexLine, Vec<QualityMeasure>), Fault> {
     let LineBatches { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
-        // These are rows without a line, of which only the existence is recorded.
+        // These rows have no line; only their existence is recorded.
         let object = HashKey::from_parts(["no line", &flight, &line]).to_string();
         let fault = fault.map(unplaced);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);

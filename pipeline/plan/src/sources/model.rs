@@ -51,13 +51,13 @@ impl ModelTable {
         Ok(ModelTable { condition, features, schema })
     }
 
-    /// Description of the model for a stage.
+    /// The table of the model as stages see it.
     pub fn table(&self) -> Table {
         Table::Model { shape: TableShape::from_schema(&self.schema), features: self.features.clone() }
     }
 }
 
-/// The condition with its position in the spec, and the features.
+/// Reads the options of a model: the condition, its position in the spec, and the features.
 fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fault>> {
     let mut rest = decl.clone();
     let (condition, at) = match rest.options.remove(WHERE) {

@@ -45,7 +45,7 @@ fn first_rows(file: &FlightFile) -> Option<Vec<Fault>> {
     for whole in lines {
         for part in &whole.parts {
             for fault in examine(part, &origins, &options.accept).ok()?.faults {
-                // A fault of the same column is reported once for all lines.
+                // Faults of the same column on several lines are reported once.
                 if !found.iter().any(|f| f.place.column == fault.place.column) {
                     found.push(fault.in_line(&whole.flight, &whole.line).in_file(&path.display().to_string()));
                 }

@@ -17,9 +17,10 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 /// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
 ///
 /// A value may itself be a list of strings or numbers. `"$axis"` is then replaced by that list where a parameter takes
-/// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. Its key column holds text, the
-/// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the shorter lists
-/// first, each with its entries in the given order. An entry that is a list is included or omitted as a whole.
+/// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. The key column of the axis then
+/// holds text: the entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the
+/// shorter lists first, each with its entries in the given order. An entry that is a list is included or omitted as a
+/// whole.
 ///
 /// # Errors
 /// Fails with the faults of the values, each with its position.
@@ -68,7 +69,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     }
 }
 
-/// First value whose type differs from the type of the first value, and the message.
+/// Index of the first value whose type differs from the type of `values[0]`, and the message of the fault.
 fn mixed(values: &[Literal]) -> Option<(usize, String)> {
     let number = |v: &Literal| matches!(v, Literal::Int(_) | Literal::Float(_));
     let same = |v: &Literal| v.type_name() == values[0].type_name() || number(v) && number(&values[0]);
@@ -153,7 +154,7 @@ fn below(n: u128) -> Option<u128> {
     (n <= 10u128.pow(30)).then_some(n)
 }
 
-/// Number of subsets of `k` of `n`; above 10^30, any larger number.
+/// Number of subsets with `k` of `n` entries; if it exceeds 10^30, an arbitrary larger number.
 fn binomial(n: u128, k: u128) -> u128 {
     let step = |b: u128, i: u128| below(b).map(|b| b * (n - i) / (i + 1));
     (0..k.min(n - k)).try_fold(1, step).unwrap_or(u128::MAX / 2)
@@ -213,7 +214,7 @@ mod tests {
             let fault = values("mags", &value).unwrap_err().remove(0);
             assert!(fault.what.contains(expected_text) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
         }
-        // The axis has few subsets; it would have more than a hundred million subsets with half of the entries.
+        // Few subsets have 28 or more of 30 entries, but more than a hundred million have half of the entries.
         assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
     }
 

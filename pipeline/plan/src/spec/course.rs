@@ -185,7 +185,7 @@ pub fn best(done: &[SearchTrialScore]) -> Option<&SearchTrialScore> {
     done.iter().filter(|s| s.cost.is_some()).min_by(better)
 }
 
-/// The axes of these rows: the trial, the cost axis of the rungs, and the searched axes.
+/// The axes with the values of these rows: the trial, the cost axis of the rungs, and the searched axes.
 pub fn axes(search: &SearchSpec, rows: &[SearchTrial]) -> Vec<SweepAxis> {
     let literals: Vec<Vec<Literal>> = rows.iter().map(|r| r.literals(search)).collect();
     let axis = |(k, (name, at)): (usize, (&str, &super::SpecSpan))| SweepAxis {
@@ -244,7 +244,7 @@ mod tests {
                 && SearchState::new(&search("trials = 9\nmethod = 'random'")).is_known()
         );
         let halved = search("trials = 20\ngeneration = 8\nhalving = { axis = 'n', values = [1, 2, 4], eta = 2 }");
-        // The best trials differ at the last rung.
+        // At the last rung, the ranking of the trials is reversed.
         let (course, sizes) = run(&halved, |row| Some(if row.rung < 3 { x(row) } else { -x(row) }));
         assert_eq!((sizes, halved.most_rows()), (vec![8, 4, 2, 8, 4, 2, 4, 2, 1], 35));
         let best = course.best().unwrap();

@@ -15,9 +15,9 @@ const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
 /// One assignment as two TOML documents, padded so that their byte positions continue after the spec's text.
 pub struct SetAssignment {
-    /// The whole assignment, if it is TOML.
+    /// The whole assignment, which may be valid TOML or not.
     whole: String,
-    /// The key, with a valid TOML value.
+    /// The key with the value 0, so that the key can be parsed even if the assigned value is not TOML.
     key: String,
     /// The bytes of the value.
     value: SpecSpan,
