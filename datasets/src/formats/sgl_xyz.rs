@@ -309,7 +309,7 @@ impl SglXyzReader {
     /// The rows as a table; `flight` and `line` keep their spelling.
     fn table(&self, gathered: SglLineBatch) -> Result<ColumnTable, ReadError> {
         let mut table = ColumnTable::default();
-        // A row whose line cannot be read belongs to the line of the other rows.
+        // The key is missing if no row of the line has the right number of values.
         let key = gathered.key.unwrap_or_default();
         for (i, (SglXyzColumn { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate()
         {

@@ -53,7 +53,7 @@ impl Token {
         if scheme.eq_ignore_ascii_case("bearer") {
             return self.is(rest.trim().as_bytes());
         }
-        // Padding is optional, because clients differ.
+        // Padding of the base64 text is optional, because not all clients write it.
         let pair = || BASE64_STANDARD_NO_PAD.decode(rest.trim().trim_end_matches('=')).ok();
         let known = scheme.eq_ignore_ascii_case("basic").then(pair).flatten();
         known.is_some_and(|pair| pair.splitn(2, |b| *b == b':').nth(1).is_some_and(|password| self.is(password)))

@@ -55,7 +55,7 @@ impl ConnectionLimits {
         ConnectionLimits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
     }
 
-    /// Limits of this process, after its limit of file descriptors is raised to the maximum.
+    /// Limits of this process; first raises its limit of file descriptors to the maximum.
     fn of_process() -> ConnectionLimits {
         let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((256, 256));
         let raised = setrlimit(Resource::RLIMIT_NOFILE, hard, hard).is_ok();
@@ -103,7 +103,7 @@ impl ConnectionRegistry {
             }
             () => None,
         };
-        // Later clients have larger numbers.
+        // The oldest client has the smallest number.
         let oldest = crowd.and_then(|c| entries.strangers.iter().find(|(_, s)| s.address == c).map(|(n, _)| *n));
         if let Some(stranger) = oldest.and_then(|n| entries.strangers.remove(&n)) {
             let _ = stranger.out.send(());
@@ -224,7 +224,7 @@ impl PortListener {
             let (send, encryption, by_handshake) = (send.clone(), encryption.clone(), self.by_handshake);
             tokio::spawn(async move {
                 if let Some(connection) = received(plain, encryption, guest, out, by_handshake).await {
-                    // A server that has ended accepts no connections.
+                    // Sending fails only if the server has ended.
                     let _ = send.send(connection).await;
                 }
             });

@@ -37,7 +37,7 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
         ));
     }
     let provider = rustls_graviola::default_provider();
-    // If a provider is already installed, it stays, because this program installed it.
+    // The call fails if a provider is already installed. This is no error, because this program installed it.
     let _ = provider.clone().install_default();
     Ok(Arc::new(provider))
 }

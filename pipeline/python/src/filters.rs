@@ -32,8 +32,9 @@ type TrackColumn<'py> = (String, String, Bound<'py, PyAny>);
 type Calibration = (Vec<String>, Vec<f64>, Vec<f64>, Option<f64>);
 
 /// Filters a line with the stage `navigate`. `keys` are the parameters of the stage. `line` has the columns of the
-/// flight: numbers, text, or a matrix with the names of its entries. `rate_hz` is the sample rate of the differences in
-/// a matrix. Returns the columns of the stage, its notes, and the warnings of the track as JSON.
+/// flight: numbers, text, or a matrix with the names of its entries. `rate_hz` is the sample rate at which the
+/// differences in a matrix were computed. Returns the columns of the stage, its notes, and the warnings of the track as
+/// JSON.
 #[pyfunction]
 #[pyo3(signature = (keys, line, rate_hz, map, models))]
 pub fn navigate<'py>(
@@ -215,7 +216,7 @@ impl ArrayNavigation {
         Ok(of_navigation(&row, settings))
     }
 
-    /// All built-in metrics that the line and its track allow.
+    /// All built-in metrics that can be computed from the line and its track.
     fn scores(&self, entries: &[StageEntry], track: &RecordBatch) -> Result<LineMetrics, Fault> {
         let score = (entry(entries, "score")?.build)(&SpecEntries::new()).map_err(first_of)?;
         let time = selected(&self.line, &["tt".to_owned()])?;
@@ -249,7 +250,7 @@ fn line_input(inputs: Vec<RecordBatch>) -> LineInput {
     LineInput { flight: String::new(), line: String::new(), inputs, keep: None }
 }
 
-/// Columns of a table, in this order.
+/// The columns `names` of a table, in this order.
 fn selected(table: &RecordBatch, names: &[String]) -> Result<RecordBatch, Fault> {
     let places = names.iter().map(|name| table.schema_ref().index_of(name)).collect::<Result<Vec<_>, _>>();
     places.and_then(|places| table.project(&places)).map_err(|e| Fault::bug(e.to_string()))

@@ -1,6 +1,7 @@
 //! The extension module `magline._magline`. The package `magline` in the folder `magline/` wraps its functions.
 //!
-//! The module sets no allocator, because a library that is loaded at run time has little thread-local memory.
+//! The module sets no allocator, because an allocator may need more thread-local memory than a library that is loaded
+//! at run time has.
 
 mod attended;
 mod command;

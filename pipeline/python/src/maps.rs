@@ -79,7 +79,8 @@ fn axis(coordinates: &[f64], step: Option<f64>, name: &str) -> PyResult<EvenAxis
     Ok(mean)
 }
 
-/// A map continued upward by `dz_m`, with the padding of the stage `map_continue`. Spacings are of rows and columns.
+/// A map continued upward by `dz_m`, with the padding of the stage `map_continue`. `spacing_m` is the spacing of the
+/// rows and the spacing of the columns.
 #[pyfunction]
 pub fn upward<'py>(
     py: Python<'py>,

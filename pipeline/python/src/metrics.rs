@@ -42,7 +42,7 @@ fn rms(x: Column<'_>) -> PyResult<f64> {
     Ok(value(statistics::rms(x.as_slice()?)))
 }
 
-/// Standard deviation with n - 1.
+/// Standard deviation of a sample, with the divisor n - 1.
 #[pyfunction(name = "std")]
 fn standard_deviation(x: Column<'_>) -> PyResult<f64> {
     Ok(value(statistics::std(x.as_slice()?)))

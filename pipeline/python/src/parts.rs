@@ -117,7 +117,8 @@ pub fn catalogue() -> Vec<StageEntry> {
     catalogue.entries()
 }
 
-/// Computes the hashes of the sources again. A module may define functions and constants after a part.
+/// Computes the hashes of the sources again, because a module may define functions and constants that a part uses after
+/// the part.
 ///
 /// # Errors
 /// Raises `ValueError` if a source is not available.

@@ -28,7 +28,7 @@ use crate::{
     parts::{catalogue, settle},
 };
 
-/// Lock of the run of this process: the flags of an interrupt belong to one run.
+/// Lock that permits only one run at a time in this process, because the flags of an interrupt belong to one run.
 static RUN: Mutex<()> = Mutex::new(());
 
 /// Maximum number of rows of a table of scores as text.
@@ -60,7 +60,7 @@ impl SpecSource {
 }
 
 /// Runs a spec and returns its summary as JSON. Without `text`, the spec is read from `file`. `progress` is called with
-/// the current stage, the number of finished parts and the number of all parts, 0 while unknown.
+/// the current stage, the number of finished parts and the number of all parts, which is 0 while it is unknown.
 #[pyfunction]
 #[pyo3(signature = (file, folder, text, sets, threads, progress))]
 pub fn run(

@@ -11,8 +11,8 @@ use pyo3::prelude::*;
 
 use crate::faults::value_error;
 
-/// Zero-phase Butterworth filter of `x`, run by run. `tt_s` gives the rate and the gaps; without it, `rate_hz` is the
-/// rate, and only values that are not finite end a run.
+/// Zero-phase Butterworth filter of `x`, applied separately to each run of samples. `tt_s` gives the rate and the gaps;
+/// without it, `rate_hz` is the rate, and only values that are not finite end a run.
 #[pyfunction]
 #[pyo3(signature = (x, tt_s, rate_hz, low_hz, high_hz, order))]
 pub fn bandpass<'py>(

@@ -81,7 +81,8 @@ impl FilterStream {
         stream::FilterStream::ekf(&setup(&arguments)?, gate_nis).map(Self).map_err(value_error)
     }
 
-    /// `ekf_adaptive`, with the bounds of the noise of each magnetometer in nT, and the length of the window.
+    /// The filter `ekf_adaptive`, with the bounds of the noise of each magnetometer in nT, and the length of the
+    /// window.
     #[staticmethod]
     #[pyo3(signature = (arguments, gate_nis, bounds_nt, window))]
     fn adaptive(
@@ -95,7 +96,8 @@ impl FilterStream {
         stream::FilterStream::adaptive(&setup, &parameters, &bounds_nt).map(Self).map_err(value_error)
     }
 
-    /// `ekf_online_tl`, with mean and standard deviation of each coefficient, and the density of its random walk.
+    /// The filter `ekf_online_tl`, with the mean, the standard deviation and the random-walk density of each
+    /// coefficient.
     #[staticmethod]
     #[pyo3(signature = (arguments, gate_nis, magnetometers))]
     fn online(

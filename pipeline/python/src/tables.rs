@@ -40,8 +40,8 @@ pub fn tables(py: Python<'_>, store: PathBuf) -> PyResult<Vec<String>> {
     found.map_err(|fault| exception(py, &fault))
 }
 
-/// Columns with a single value in each part of the table `table`, as `pipeline.table`, one row per part. A query reads
-/// or skips a part as a whole.
+/// One row for each part of the table `table` (a name `pipeline.table`), with the columns that have a single value in
+/// each part. A query reads or skips a part as a whole.
 #[pyfunction]
 pub fn table_parts(py: Python<'_>, store: PathBuf, table: String) -> PyResult<QueryResult> {
     let found = py.detach(|| {

@@ -20,7 +20,7 @@ use crate::faults::value_error;
 
 type Column<'py> = PyReadonlyArray1<'py, f64>;
 
-/// Names of the terms of groups, in the order of the columns.
+/// Names of the terms in `groups`, in the order of the columns of the matrix.
 #[pyfunction]
 pub fn term_names(groups: Vec<String>) -> PyResult<Vec<&'static str>> {
     Ok(TermSelection::new(&groups).map_err(value_error)?.names())
@@ -50,7 +50,8 @@ pub fn a_matrix<'py>(
     PyArray1::from_vec(py, values).reshape([rows, terms.len()])
 }
 
-/// Runs of samples with a finite vector and without a gap in time. Columns of other lengths have no runs.
+/// Runs of samples with a finite vector and without a gap in time. There are no runs if the lengths of the columns
+/// differ.
 fn runs_of(vector: [&[f64]; 3], tt_s: Option<&[f64]>) -> PyResult<Vec<Range<usize>>> {
     let rows = vector[0].len();
     if vector.iter().any(|column| column.len() != rows) {

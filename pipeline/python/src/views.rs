@@ -61,7 +61,7 @@ pub fn report(
     view(py, source, html::report)
 }
 
-/// Runs a view of the graph of a spec; for a search, with the trials that follow from the scores in the store.
+/// Runs `show` on the graph of a spec. For a search, the graph has the trials that follow from the scores in the store.
 fn view(
     py: Python<'_>,
     source: SpecSource,

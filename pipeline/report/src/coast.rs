@@ -1,8 +1,9 @@
 //! Coastlines of Natural Earth at the scale 1:50,000,000.
 //!
 //! The vendored file holds polylines: their number, then for each polyline the number of its points and the differences
-//! of longitude and latitude between consecutive points, in steps of 0.005°. All numbers have 7 bits a byte, least
-//! significant first; differences are zigzag coded. `datasets/reference/make_coastline.py` makes the file.
+//! of longitude and latitude between consecutive points, in steps of 0.005°. All numbers are stored with 7 bits per
+//! byte, the least significant bits first; differences are zigzag coded. `datasets/reference/make_coastline.py` makes
+//! the file.
 
 /// The polylines.
 const COASTLINE: &[u8] = include_bytes!("html/web/vendor/coastline.bin");
@@ -36,7 +37,7 @@ impl GeographicRegion {
         })
     }
 
-    /// Region with a margin on each side. The margin is as wide as the region, and at least `least` degrees.
+    /// Region with a margin on each side. Each margin is as wide as the region, but at least `least` degrees.
     pub fn widened(self, least: f64) -> GeographicRegion {
         let (wide, high) = ((self.east - self.west).max(least), (self.north - self.south).max(least));
         GeographicRegion {

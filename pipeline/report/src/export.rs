@@ -51,7 +51,7 @@ pub trait TableWriter: Send {
     /// Fails for values that the format cannot store, or on errors of writing.
     fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault>;
 
-    /// Ends the file; `schema` is for a table without rows.
+    /// Completes the file; `schema` gives the columns of a table without rows.
     ///
     /// # Errors
     /// Fails on errors of writing.
@@ -77,7 +77,7 @@ pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<S
         let texts: Vec<String> = lines.iter().map(|line| format!("'{}'", line.replace('\'', "''"))).collect();
         conditions.push(format!("\"line\" IN ({})", texts.join(", ")));
     }
-    // The line break ends a comment in the condition.
+    // The line break ends a comment that the condition may contain.
     conditions.extend(condition.map(|text| format!("({text}\n)")));
     let conditions = if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
     Ok(format!("SELECT * FROM {}.{}{conditions}", name(pipeline), name(own)))

@@ -172,7 +172,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     })
 }
 
-/// Maximum number of tables of `navigate` that are shown in addition to the table of the first scores.
+/// Maximum number of tables of `navigate` that are shown in addition to the table from which the first scores were
+/// computed.
 const NAVIGATIONS: usize = 4;
 
 /// Sweep points shown over the same lines.
@@ -181,8 +182,8 @@ struct SubjectGroup {
     lines: Vec<ReportLine>,
 }
 
-/// The best and the worst point of the first scores, then at most `most` other navigations; and the number of omitted
-/// navigations.
+/// The best and the worst point of the first score table, then at most `most` other navigations; and the number of
+/// omitted navigations.
 fn groups(source: &ReportSource, boards: &[ScoreBoard], most: usize) -> Result<(Vec<SubjectGroup>, usize), Fault> {
     let subjects = subject::subjects(source, boards);
     let (others, more) = subject::navigations(source, boards, &subjects, most);

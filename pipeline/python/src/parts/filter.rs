@@ -87,7 +87,7 @@ impl NavigationFilter for PythonFilter {
         self.needs_map
     }
 
-    /// The method of a filter in Python is unknown, so its initial position is not tested.
+    /// The method of a filter in Python is unknown, so the error of its initial position is not checked.
     fn takes_wide_start(&self) -> bool {
         true
     }
@@ -122,7 +122,8 @@ const COLUMNS: [&str; 11] = ["lat", "lon", "alt", "vn", "ve", "vd", "sd_n", "sd_
 
 type Found = (Vec<Option<Vec<f64>>>, Option<Vec<String>>);
 
-/// The track of the returned columns. Columns that are not returned are taken from the INS, or are NaN.
+/// The track of the returned columns. If height or velocity is not returned, it is taken from the INS; other missing
+/// columns are NaN.
 fn track(name: &str, input: &FilterInput, (columns, update): Found) -> Result<FilterTrack, Fault> {
     let (ins, rows) = (&input.ins, input.ins.len());
     let mut columns = columns.into_iter();
@@ -170,7 +171,7 @@ fn track(name: &str, input: &FilterInput, (columns, update): Found) -> Result<Fi
     })
 }
 
-/// Names of the columns of a flight: INS, then the measurement and its standard deviation, in nT.
+/// Names of the columns of a flight: the columns of the INS, then the measurement and its standard deviation, in nT.
 const FLIGHT: [&str; 15] =
     ["tt", "lat", "lon", "alt", "vn", "ve", "vd", "fn", "fe", "fd", "roll", "pitch", "yaw", "measured", "sigma"];
 

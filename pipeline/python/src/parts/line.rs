@@ -114,8 +114,8 @@ impl Line {
     }
 }
 
-/// Numbers of a column, which NumPy reads through `__array_interface__`. The array keeps this object, and therefore the
-/// memory.
+/// Numbers of a column, which NumPy reads through `__array_interface__`. The array keeps a reference to this object and
+/// thus to the memory.
 #[pyclass(frozen, module = "magline._magline")]
 pub struct ColumnView {
     values: ArrayRef,
@@ -139,7 +139,7 @@ impl ColumnView {
             None => (array.clone(), None, 0),
         };
         let numbers = values.as_primitive_opt::<Float64Type>().ok_or_else(other)?;
-        // A missing value is NaN. Only columns of other programs have nulls.
+        // A missing value is NaN in columns of magline; only columns of other programs have nulls.
         let values: ArrayRef = match numbers.null_count() {
             0 => values.clone(),
             _ => Arc::new(numbers.iter().map(|x| Some(x.unwrap_or(f64::NAN))).collect::<Float64Array>()),

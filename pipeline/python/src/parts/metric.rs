@@ -63,7 +63,7 @@ enum Argument {
     Time,
     /// Signal minus truth.
     Error,
-    /// Error of the track north, or east.
+    /// North error of the track; `East` is the east error.
     North,
     East,
     Source(ScoreSource),

@@ -40,7 +40,7 @@ impl ModelPart {
     /// Fails if a default is invalid.
     pub fn new(decl: ModelDecl, run: Py<PyAny>) -> Result<ModelPart, String> {
         let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
-        // A catalogue keeps its part, even if the part is replaced during a run.
+        // A catalogue keeps using the same part, even if the part is replaced during a run.
         let docs: &'static KeyDocsFn = Box::leak(Box::new(move || head.documents()));
         let read: &'static ReadModelFn = Box::leak(Box::new(move |reader: &mut ParamReader| read_keys(head, reader)));
         let decl = FitModelDecl {

@@ -47,7 +47,7 @@ pub struct PartParamDecl {
     kind: PartParamType,
     /// Whether an unset parameter without a default is `None`.
     optional: bool,
-    /// `null` if the parameter is required, and if it is `optional`.
+    /// `null` if the parameter is required or `optional`.
     default: Value,
     unit: String,
     doc: String,
@@ -270,7 +270,7 @@ impl PartValues {
     /// The values as keyword arguments.
     ///
     /// # Errors
-    /// Fails if Python has no memory.
+    /// Fails if Python runs out of memory.
     pub fn arguments<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let found = PyDict::new(py);
         for (name, value) in self.0.iter() {

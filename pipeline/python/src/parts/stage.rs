@@ -23,7 +23,7 @@ use super::{
     params::{PartValues, leaked},
 };
 
-/// Key of the hash of the source among the parameters of a result.
+/// Key of the source's hash, which is listed among the parameters of a result.
 const SOURCE: &str = "source";
 
 /// A column that a stage reads.
@@ -76,7 +76,7 @@ impl StagePart {
         Ok(StagePart { head, reads, makes, example })
     }
 
-    /// The row of the catalogue.
+    /// The entry of the stage in the catalogue.
     pub fn entry(&'static self) -> StageEntry {
         let build = |part: &'static StagePart, args: &SpecEntries| -> Result<AnyStage, Vec<Fault>> {
             let lists = ChoiceRegistry::default();
@@ -135,7 +135,7 @@ impl Params for PythonStage {
 }
 
 impl PythonStage {
-    /// Names of the columns that the stage reads, and faults of the input table.
+    /// Names of the columns that the stage reads; the error holds the faults of the input table.
     fn reads(&self, shape: &TableShape) -> Result<Vec<String>, Vec<Fault>> {
         let (mut names, mut faults) = (vec![], vec![]);
         for read in &self.part.reads {

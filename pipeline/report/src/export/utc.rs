@@ -26,7 +26,7 @@ pub(super) struct UtcColumn {
     last: Option<LastRow>,
 }
 
-/// Last row of a table.
+/// The row before the current row, possibly in the previous batch.
 struct LastRow {
     /// Flight and line.
     keys: [String; 2],

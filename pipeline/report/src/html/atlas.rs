@@ -52,8 +52,8 @@ pub struct Atlas {
 /// Tracks, and the map on which they were navigated.
 pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 
-/// The atlas of each group of tracks, `None` without positions; and the pictures of the maps, for references. Groups
-/// over the same map share the picture of the map.
+/// The atlas of each group of tracks (`None` without positions), and the pictures of the maps, to which the atlases
+/// refer. Groups over the same map share the picture of the map.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -250,7 +250,7 @@ impl Atlas {
     }
 }
 
-/// Whether the detail view has a visible ellipse that is about as large as the `widest` of the line.
+/// Whether the detail view has a visible ellipse that is about as large as `widest`, the largest ellipse of the line.
 fn is_seen(line_tracks: &LineTracks, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
     let Some((k, zoom)) = close else { return false };
     let there = line_tracks.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
@@ -318,7 +318,7 @@ pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
     all
 }
 
-/// Row `k` and some other rows whose estimate is on the picture.
+/// Row `k`, and some other rows whose estimated position is in the picture.
 fn in_sight(canvas: &Canvas, line_tracks: &LineTracks, k: usize) -> Vec<usize> {
     let on_it = |i: &usize| line_tracks.estimate.at(*i).is_some_and(|p| canvas.holds(p));
     let inside: Vec<usize> = (0..line_tracks.tt.len()).filter(on_it).collect();

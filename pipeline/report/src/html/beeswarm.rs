@@ -18,7 +18,7 @@ const AXIS: f64 = 36.0;
 const RADIUS: f64 = 2.4;
 /// Number of bins of a row's range; the dots of a bin are drawn one above the other.
 const BINS: f64 = 100.0;
-/// Share of the inputs beyond the ends of the colour scale, on each side.
+/// Fraction of the input values beyond each end of the colour scale.
 const BEYOND: f64 = 0.05;
 /// The colours from low to high values: red and blue of one lightness, as in the SHAP package.
 const COLOURS: [[f64; 3]; 6] = [
@@ -142,7 +142,7 @@ fn ends(samples: &[(f64, f64)]) -> (f64, f64) {
     let last = inputs.len().saturating_sub(1) as f64;
     let at = |share: f64| inputs.get((share * last).round() as usize).copied().unwrap_or(f64::NAN);
     let within = (at(BEYOND), at(1.0 - BEYOND));
-    // The input of a switch that is seldom on has the same value at nearly all samples.
+    // If nearly all samples have the same value, as for a switch that is seldom on, the scale covers all values.
     if within.0 < within.1 { within } else { (at(0.0), at(1.0)) }
 }
 

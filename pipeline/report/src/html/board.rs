@@ -18,9 +18,9 @@ pub struct ScoreBoard {
     pub table: usize,
     /// Scores.
     pub scores: Scores,
-    /// The instance of the table for each row.
+    /// For each row of the scores, the point of the table.
     pub instances: Vec<usize>,
-    /// The metrics that have a value and no column in the table of scores.
+    /// The metrics that have a value but no column in the table of scores.
     pub more: Vec<MoreScores>,
 }
 
@@ -80,12 +80,12 @@ impl ScoreBoard {
         self.scores.headline()
     }
 
-    /// The rows by a metric, best first, flagged rows last. Rows without a value are omitted.
+    /// The rows in the order of a metric, best first and flagged rows last. Rows without a value are omitted.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         self.scores.ranked(metric)
     }
 
-    /// The instance of the table for a row.
+    /// The point of the table for a row of the scores.
     pub fn instance(&self, row: usize) -> usize {
         self.instances.get(row).copied().unwrap_or(0)
     }

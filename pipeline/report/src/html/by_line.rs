@@ -15,7 +15,7 @@ use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
 const TABLES: usize = 3;
 const COLUMNS: usize = 12;
 const ROWS: usize = 200;
-/// Maximum number of rows of a table that is not folded.
+/// Number of rows above which a table is folded.
 const OPEN: usize = 30;
 /// Metric of a track.
 const DRMS: &str = "drms";
@@ -23,7 +23,7 @@ const DRMS: &str = "drms";
 /// Table of one metric by line and sweep point.
 struct LineScoreTable {
     metric: Metric,
-    /// The axis of the columns; `None` for one point.
+    /// The axis with one value for each column; `None` if there is only one point.
     axis: Option<String>,
     /// Values of the other axes.
     others: String,

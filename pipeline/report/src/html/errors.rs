@@ -16,7 +16,7 @@ use super::{
     whiteness::Z95,
 };
 
-/// Number of points of a band.
+/// Maximum number of points of a band.
 const BAND_POINTS: usize = 500;
 /// Half the width of the band around a position error, in standard deviations.
 const SIGMAS: f64 = 3.0;
@@ -81,7 +81,8 @@ fn position(
     LineChart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..LineChart::default() }
 }
 
-/// The part of the axis that shows estimate and band, if the error of the INS alone would compress them to a line.
+/// Range of the axis that shows the estimate and the band, if the much larger error of the INS would compress them to a
+/// line.
 fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
     let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
     let own = largest(error).max(SIGMAS * sigma.map_or(0.0, |s| largest(s)));
@@ -104,7 +105,7 @@ fn innovations(line_tracks: &LineTracks, outcomes: &BTreeMap<String, usize>) -> 
     let (residual, time) = (line_tracks.residual.as_ref()?, minutes(&line_tracks.tt));
     let mut bands = vec![];
     if let Some(nis) = &line_tracks.nis {
-        // The filter keeps r²/S, not S.
+        // S follows from the residual r and `nis`, which is r²/S; the filter does not store S.
         let half: Vec<f64> =
             residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
         let points = envelope(&time, &half, BAND_POINTS).into_iter().map(|(t, s)| (t, -s, s)).collect();

@@ -68,7 +68,7 @@ pub fn block(
     Ok(format!("{{{pooled},\"omitted\":{},\"lines\":{lines}}}", json!(omitted)))
 }
 
-/// A block without the character that opens a tag.
+/// JSON in which the character that opens a tag is escaped.
 pub fn escaped(json: &str) -> String {
     json.replace('<', "\\u003c")
 }

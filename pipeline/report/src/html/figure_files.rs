@@ -19,7 +19,7 @@ pub struct FigureFile {
     pub name: String,
     /// The document.
     pub svg: String,
-    /// Text for screen readers, and its caption.
+    /// Text for screen readers, followed by the caption on the page.
     pub caption: String,
 }
 
@@ -69,7 +69,7 @@ fn escaped(text: &str) -> String {
     text.chars().flat_map(|c| special(c).then_some('\\').into_iter().chain([c])).collect()
 }
 
-/// Position after the element that begins `text`; `None` without its end.
+/// Position after the element with which `text` begins; `None` if the element is not closed.
 fn end_of(text: &str, element: &str) -> Option<usize> {
     let (opening, closing) = (format!("<{element}"), format!("</{element}>"));
     let (mut at, mut depth) = (0, 0_usize);
@@ -166,7 +166,7 @@ fn references(figure: &str) -> BTreeSet<&str> {
     starts.filter_map(|at| figure.get(at..)?.split(ends).next()).filter(|id| !id.is_empty()).collect()
 }
 
-/// The element of the page with an id.
+/// The element of the page that has this id.
 fn definition<'a>(page: &'a str, id: &str) -> Option<&'a str> {
     let at = page.find(&format!(" id=\"{id}\""))?;
     let start = page[..at].rfind('<')?;

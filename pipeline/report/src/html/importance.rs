@@ -28,13 +28,13 @@ const ROW: f64 = 22.0;
 struct ImportanceRanking {
     method: String,
     unit: String,
-    /// The absolute value on each line, by group.
+    /// For each group, the absolute value of its importance on each line.
     groups: BTreeMap<String, Vec<f64>>,
     /// The samples, if they are stored.
     swarm: BeeswarmSamples,
 }
 
-/// The axes that give a seed. Points that differ only in these axes are the same model with other random draws.
+/// The axes whose values are seeds. Points that differ only in these axes are the same model with other random draws.
 fn seeds(spec: &Spec) -> Vec<&str> {
     let given = spec.stages.iter().filter_map(|stage| match &stage.args.get("seed")?.value {
         Literal::Text(axis) => axis.strip_prefix('$'),

@@ -12,7 +12,7 @@ use schemas::Fault;
 
 use super::{source::ReportSource, subject::ReportSubject};
 
-/// Individual coefficients lose three of the significant digits of the data if the condition number is at least this.
+/// Condition number from which individual coefficients have at least three significant digits fewer than the data.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.

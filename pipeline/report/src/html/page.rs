@@ -30,7 +30,7 @@ pub struct ReportAlerts {
     pub failures: Vec<FailureCount>,
     /// The warnings.
     pub warnings: Vec<Warning>,
-    /// Whether the published tables are of another version of the spec or its data.
+    /// Whether the published tables were made with another version of the spec or of its data.
     pub outdated: bool,
 }
 
@@ -123,7 +123,7 @@ fn heading(source: &ReportSource) -> Markup {
     }
 }
 
-/// The number of samples of all lines. Several tables may hold the same line; the line's longest table counts.
+/// The number of samples of all lines. For a line that several tables hold, only the longest table counts.
 fn samples(rows: impl Iterator<Item = (LineId, usize)>) -> usize {
     let mut longest: BTreeMap<LineId, usize> = BTreeMap::new();
     for (line, rows) in rows {

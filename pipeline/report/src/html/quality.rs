@@ -252,7 +252,7 @@ fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&Qu
     }
 }
 
-/// One row for each column: flagged columns, and the other columns folded.
+/// One row for each column: the flagged columns first, then the other columns, folded.
 fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityColumn]) -> Markup {
     let (marked, others): (Vec<&QualityColumn>, Vec<&QualityColumn>) =
         columns.iter().partition(|c| !c.marks.is_empty());
@@ -307,7 +307,8 @@ fn rows(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityC
     }
 }
 
-/// The figure on a column's dead zone: its shape if known, otherwise the dead zone as reported by the sensor.
+/// The quality figure for a column's dead zone: for a zone of known shape, the figure of that shape, otherwise the dead
+/// zone as reported by the sensor.
 fn dead_zone(column: &QualityColumn) -> QualityFigure {
     let shapes = [QualityFigure::PolarDeadZone, QualityFigure::EquatorialDeadZone];
     shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(QualityFigure::DeadZone)
@@ -421,7 +422,7 @@ fn lines_of(source: &ReportSource, flight: &str) -> Vec<LineId> {
     lines.filter(|(_, (of, _))| of == flight).map(|(id, _)| id).collect()
 }
 
-/// Times at which a column has samples, and at which they are faulty.
+/// Times at which a column has samples, and times at which the samples are faulty.
 fn lane(
     source: &ReportSource,
     column: &QualityColumn,

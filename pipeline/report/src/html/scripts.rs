@@ -6,7 +6,7 @@ pub struct PageScript {
     pub name: &'static str,
     /// The text.
     pub text: &'static str,
-    /// Whether it is needed only for series of lines.
+    /// Whether the script is needed only for series of lines.
     pub of_series: bool,
 }
 

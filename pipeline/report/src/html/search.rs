@@ -129,7 +129,7 @@ fn drawn(search: &SearchSpec, metric: &Metric, names: &[&str], trials: &[TrialTa
     }
 }
 
-/// A value of an axis, a number with at most six significant digits.
+/// A value of an axis; a number is shortened to at most six significant digits.
 fn shown(word: &str) -> String {
     match word.parse::<f64>() {
         Ok(x) => short(&Literal::Float(x)),

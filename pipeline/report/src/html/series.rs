@@ -35,9 +35,9 @@ const COAST_BYTES: usize = 120_000;
 const INTERVALS: usize = 2000;
 /// Maximum number of flagged points.
 const FLAGGED: usize = 2;
-/// Number of currents, those with the largest ranges.
+/// Maximum number of currents; the currents with the largest ranges are embedded.
 const CURRENTS: usize = 3;
-/// Element of a list of modes: the weight of the most probable mode.
+/// Name of the list entry with the weight of the most probable mode.
 const FIRST_WEIGHT: &str = "weight_1";
 /// Columns of the attitude; the first group that a table has is shown.
 const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pitch", "ins_yaw"]];
@@ -281,7 +281,7 @@ impl<'a> ColumnReader<'a> {
     }
 }
 
-/// The signal before and after compensation, with the truth and the surroundings.
+/// The signal before and after compensation, with the truth, the attitude and the currents.
 fn compensation(source: &ReportSource, choice: &SeriesChoice) -> Result<Option<SeriesTable>, Fault> {
     let Some(at @ TableRef::Stage(t, i)) = choice.subject.compensate else { return Ok(None) };
     let Some((mut reader, tt)) = ColumnReader::new(source, at, choice.line)? else { return Ok(None) };

@@ -184,7 +184,8 @@ fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     })
 }
 
-/// Segment length: a quarter of the line, a power of two, at most about 100 s at 10 Hz.
+/// Segment length in samples: the largest power of two within a quarter of the line, but at most 1024 (about 100 s at
+/// 10 Hz).
 fn segment(rows: usize) -> usize {
     let quarter = (rows / 4).max(2);
     (1usize << quarter.ilog2()).min(1024)
@@ -243,7 +244,7 @@ mod tests {
         let peak = |l: &ChartLine| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
         assert!((before.0 - 0.5).abs() < 0.02, "the line is at 0.5 Hz: {before:?}");
-        // Scaling is exact but for rounding.
+        // `after` is a tenth of `before`, so the ratio is exact except for rounding.
         assert!((before.1 / after.1 - 100.0).abs() < 1e-9);
     }
 

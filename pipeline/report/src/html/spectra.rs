@@ -72,7 +72,7 @@ fn amplitude(tt: &[f64], x: &[f64]) -> Option<Vec<(f64, f64)>> {
     (!points.is_empty()).then_some(points)
 }
 
-/// The lines of a record of the observatory.
+/// The spectrum of one record of the observatory: frequency in Hz and density in nT/√Hz.
 fn observatory(record: &str) -> Vec<(f64, f64)> {
     let point = |row: &str| {
         let mut cells = row.split(',');

@@ -54,7 +54,7 @@ INSERT INTO gpkg_extensions VALUES
    'read-write');
 "#;
 
-/// Value of `last_change`. The time of writing would make files of the same data different.
+/// Value of `last_change`. It is constant, because files of the same data must be equal.
 const UNCHANGED: &str = "1970-01-01T00:00:00.000Z";
 
 /// Creates the required tables. A failed export removes the file, so that no journal is needed.
@@ -115,8 +115,8 @@ fn quoted(name: &str) -> String {
 }
 
 impl FeatureTable {
-    /// A table with geometries of one type. SQLite ignores the case of names, so a name that differs only in case gets
-    /// a number.
+    /// A table with geometries of one type. SQLite ignores the case of names, so a number is appended to a column name
+    /// that differs from another only in case.
     pub fn new(name: &str, geometry: &'static str, columns: Vec<FeatureColumn>) -> FeatureTable {
         let reserved = ["gpkg_", "sqlite_", "rtree_"].iter().any(|start| name.to_ascii_lowercase().starts_with(start));
         let name = if reserved { format!("table_{name}") } else { name.to_owned() };

@@ -15,7 +15,8 @@ pub fn around(tracks: &[DegreeTrack]) -> Option<Bounds> {
         b.lat = (b.lat.0.min(lat), b.lat.1.max(lat));
         b.lon = (b.lon.0.min(lon), b.lon.1.max(lon));
     }
-    // At least a kilometre, for a stationary flight; the narrow direction also shows some of the map.
+    // The rectangle is at least a kilometre long, for a stationary flight. It is widened in its narrow direction, to
+    // show some of the map.
     let shrink = b.lat.0.to_radians().cos().max(0.05);
     let (high, wide) = (b.lat.1 - b.lat.0, (b.lon.1 - b.lon.0) * shrink);
     let side = 1.12 * high.max(wide).max(0.01);
