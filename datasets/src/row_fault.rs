@@ -7,6 +7,6 @@ use crate::ReadError;
 pub struct RowFault {
     /// The row of the batch, from 0.
     pub row: usize,
-    /// The fault; it holds the row of the file.
+    /// The fault, which includes the row number in the file.
     pub fault: ReadError,
 }

@@ -1,5 +1,5 @@
-//! Map grids in GeoTIFF: one band of numbers, any compression and layout of the TIFF decoder, row 0 in the north. [OGC
-//! 19-008r4, GeoTIFF 1.1]
+//! Map grids in GeoTIFF: one band of numbers, any compression and layout that the TIFF decoder supports, row 0 in the
+//! north. [OGC 19-008r4, GeoTIFF 1.1]
 
 use std::path::Path;
 

@@ -146,7 +146,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         attribute.and_then(|a| a.value.as_f64())
     }
 
-    /// The variable of the map: two dimensions, not counting those of length 1.
+    /// The variable of the map, which has two dimensions, not counting those of length 1.
     fn map(&self) -> Result<&'a NcVariable, ReadError> {
         let flat = |v: &&NcVariable| {
             let long = v.shape().iter().filter(|n| **n > 1).count();
@@ -268,7 +268,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         text.or_else(|| self.number(from, key).filter(|n| (1.0..65536.0).contains(n)).map(|n| n as u16))
     }
 
-    /// GMT's oldest grids: one list of values from the north-west, with the ends of the axes.
+    /// GMT's oldest grids: the ends of the axes, and one list of values that begins in the north-west.
     fn oldest(&self) -> Result<MapDraft<'p>, ReadError> {
         let pair = |name: &str| -> Result<(f64, f64), ReadError> {
             let values = self.numbers(self.need(name)?)?;

@@ -36,7 +36,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let [columns, rows, west, east, south, north, ..] = head.as_slice() else {
         return Err(ReadError::data(path, "the file is cut short"));
     };
-    // Each value has at least one character and a blank; the last value has no blank.
+    // Each value takes at least two bytes, a character and a blank; the last value may lack the blank.
     let (width, height) = nodes(path, *columns as i64, *rows as i64, 2, text.len() as u64 + 1)?;
     let values = numbers(path, &mut words, width * height)?.into_iter().map(blanked).collect();
     let x = FileAxis::between(path, "x", *west, *east, width)?;

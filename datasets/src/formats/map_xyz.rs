@@ -1,7 +1,7 @@
 //! Grids as columns of text, one row per node in any order: longitude or easting, latitude or northing, value.
 //!
 //! Files may have any separator, and a header or none. Written files have a header, and a comment with the coordinate
-//! system, the unit and the height, which the reader evaluates.
+//! system, the unit and the height; the reader evaluates this comment.
 
 use std::{io::Write, path::Path};
 

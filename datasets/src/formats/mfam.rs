@@ -203,8 +203,8 @@ impl MfamRowParser {
     /// Appends a row.
     fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut MfamBatch) {
         let width = self.columns.len();
-        // NMEA sentences without quotes are split into several values. A row may have fewer or more empty values at
-        // its end than the header has columns.
+        // NMEA sentences without quotes are split into several values. A row may also lack values of unread columns at
+        // its end, or have additional empty values there.
         let spare = record.iter().skip(width + self.rest).any(|w| !w.trim_ascii().is_empty());
         let whole = record.len() >= width && (self.rest > 0 || !spare);
         let mut wrong = |what: ReadError| to.faults.push(RowFault { row: to.rows, fault: what.in_row(row) });
@@ -305,7 +305,7 @@ fn day(text: &str) -> Option<(i32, u32)> {
     (words.next().is_none() && (1900..2200).contains(&year)).then_some((year, doy))
 }
 
-/// Seconds past midnight of `10:33:09.001`.
+/// Seconds past midnight of a time such as `10:33:09.001`.
 fn time_of_day_s(text: &str) -> Option<f64> {
     let mut words = text.split(':');
     let (hours, minutes) = (words.next()?.parse::<u32>().ok()?, words.next()?.parse::<u32>().ok()?);

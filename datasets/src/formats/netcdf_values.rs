@@ -84,7 +84,7 @@ impl NetcdfEncoding {
             [attributes.number("scale_factor")?.unwrap_or(1.0), attributes.number("add_offset")?.unwrap_or(0.0)];
         let (mut valid, mut valid_unpacked) = (ANYTHING, ANYTHING);
         let mut bound = |name: &str, which: usize, limit: f64| {
-            // A range in the type of the unpacked values applies to the unpacked values.
+            // A floating-point range of packed integers applies to the unpacked values.
             match packing != PLAIN && is_whole(&kind) && attributes.is_real(name) {
                 true => valid_unpacked[which] = limit,
                 false => valid[which] = in_type(&kind, modulus, limit),
@@ -112,7 +112,7 @@ impl NetcdfEncoding {
         values.map(|v| self.signed(v) * scale + offset).collect()
     }
 
-    /// The stored numbers, NaN where missing or invalid, and a note on invalid ones.
+    /// The stored numbers, NaN where missing or invalid. A note counts the invalid numbers.
     pub(super) fn known(&self, values: impl Iterator<Item = f64>, notes: &mut Vec<String>) -> Vec<f64> {
         let [scale, offset] = self.packing;
         let within = |x: f64, [low, high]: [f64; 2]| low <= x && x <= high;

@@ -17,7 +17,7 @@ const CHAR: u32 = 2;
 const INT: u32 = 4;
 const DOUBLE: u32 = 6;
 
-/// The value for a size that does not fit 32 bits; readers derive it from the shape.
+/// The value that is written for a size of more than 32 bits; readers derive such a size from the shape.
 const LARGE: u32 = u32::MAX;
 
 /// The value of an attribute.
@@ -27,7 +27,7 @@ enum NetcdfAttributeValue {
     Doubles(Vec<f64>),
 }
 
-/// A variable: its name, dimensions, attributes, type and bytes of data.
+/// A variable: its name, dimensions, attributes, type and number of data bytes.
 struct NetcdfVariable {
     name: &'static str,
     dimensions: &'static [u32],
@@ -48,7 +48,7 @@ pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(
     let mut sink = outputs.create()?;
     let mut put = |bytes: &[u8]| sink.write_all(bytes).map_err(|e| ReadError::io(outputs.path(), &e));
     put(&header)?;
-    // The code of the coordinate system is padded to four bytes.
+    // The value of the variable `crs`, one character, padded to four bytes.
     put(&[0; 4])?;
     for axis in [map.x.coordinates(), map.y.coordinates()] {
         put(&big_endian(&axis))?;

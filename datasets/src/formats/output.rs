@@ -45,8 +45,8 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     outputs.commit()
 }
 
-/// Checks whether a map can be written to a file before it is computed. The errors are those of [`write_grid`] that do
-/// not depend on the map.
+/// Checks, before a map is computed, whether it can be written to a file. The errors are those of [`write_grid`] that
+/// do not depend on the map.
 ///
 /// # Errors
 /// Fails for a format that is unknown or cannot be written, or a folder that does not exist.

@@ -422,8 +422,8 @@ impl<'a> PointColumnRoles<'a> {
     }
 }
 
-/// The position columns: those in the options, else latitude and longitude, else eastings and northings (in the reverse
-/// order if a projected system is given).
+/// The position columns: those in the options, else latitude and longitude, else eastings and northings. If a projected
+/// system is given, eastings and northings are preferred.
 fn place_columns<'a>(
     path: &Path,
     table: &'a PointTable,

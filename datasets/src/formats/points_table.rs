@@ -136,7 +136,7 @@ fn from_text(path: &Path) -> Result<PointTable, ReadError> {
 }
 
 impl PointTable {
-    /// The column with a name; case is ignored.
+    /// The column `name`; case is ignored.
     pub(super) fn column(&self, name: &str) -> Option<&PointColumn> {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }

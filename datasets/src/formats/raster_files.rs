@@ -121,7 +121,7 @@ impl NetcdfValueFixture {
 /// A variable of a NetCDF: its name, dimensions, attributes and values.
 type NetcdfVariableFixture<'a> = (&'a str, Vec<u32>, Vec<(&'a str, NetcdfValueFixture)>, NetcdfValueFixture);
 
-/// A classic NetCDF of one grid `z` over `y` and `x` with these attributes of `z` and units of the axes.
+/// A classic NetCDF file with one grid `z` over `y` and `x`, with the given attributes of `z` and units of the axes.
 pub(super) fn netcdf(
     x: &[f64],
     y: &[f64],

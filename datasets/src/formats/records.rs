@@ -24,7 +24,7 @@ pub(super) enum RecordFieldType {
     F16,
     F32,
     F64,
-    /// At most this number of characters, up to a NUL.
+    /// Text of at most this number of characters, up to a NUL.
     Text(usize),
 }
 

@@ -124,7 +124,7 @@ pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static 
 /// - `utm_z` is the height above the ellipsoid, `alt`.
 /// - `ins_vw` (west) and `ins_vu` (up) become `ins_ve` and `ins_vd`.
 /// - `ins_fn`, `ins_fe`, `ins_fd` are the accelerations, rotated by the wander angle.
-/// - `vn`, `ve`, `vd` are differences of the positions on the ellipsoid over the line.
+/// - `vn`, `ve`, `vd` follow from the differences of the positions on the ellipsoid along the line.
 /// - `igrf` is `mag_1_dc - mag_1_igrf`.
 ///
 /// A column that the file lacks is absent.

@@ -28,7 +28,7 @@ impl ForwardReader<File> {
     /// Opens a file at its start.
     ///
     /// # Errors
-    /// Fails where the file cannot be opened.
+    /// Fails if the file cannot be opened.
     pub(super) fn open(path: &Path) -> Result<ForwardReader<File>, ReadError> {
         Ok(ForwardReader::new(File::open(path).map_err(|e| ReadError::io(path, &e))?))
     }
@@ -59,7 +59,7 @@ impl<R: Read> ForwardReader<R> {
         Ok(())
     }
 
-    /// Moves forward, at most by the bytes that [`ForwardReader::ahead`] returned.
+    /// Moves forward by `bytes` bytes, but not beyond those that [`ForwardReader::ahead`] returned.
     #[inline]
     pub(super) fn skip(&mut self, bytes: usize) {
         self.at = (self.at + bytes).min(self.bytes.len());

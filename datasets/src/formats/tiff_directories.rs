@@ -11,7 +11,7 @@ const MOST: usize = 4096;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct TiffDirectory {
     subfile: u32,
-    /// The position of the photometric interpretation, and its bytes for `BlackIsZero`.
+    /// The position of the photometric interpretation in the file, and the bytes that represent `BlackIsZero`.
     photometric: Option<(usize, [u8; 2])>,
 }
 

@@ -23,7 +23,7 @@ pub struct LogTopic {
 /// A column of a table of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicColumn {
-    /// The file's name for it.
+    /// Name of the column in the file.
     pub name: String,
     /// The unit of its values; empty if the file gives none.
     pub unit: String,

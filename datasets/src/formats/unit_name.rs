@@ -201,7 +201,7 @@ const OTHERS: &[&str] = &[
     "fortnight",
 ];
 
-/// Prefixes of units of one letter, and of longer units.
+/// Prefixes of one-letter units, and prefixes of longer units.
 const PREFIXES: [&[&str]; 2] =
     [&["k", "m", "u", "µ", "μ", "n", "p", "f"], &["G", "M", "k", "h", "d", "c", "m", "u", "µ", "μ", "n"]];
 

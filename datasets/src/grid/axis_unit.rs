@@ -168,7 +168,7 @@ impl AxisUnit {
                 if (factor - 1.0).abs() < SAME {
                     return Ok(1.0);
                 }
-                // A decimal multiple of the metre fits any system in metres; a foot contradicts it.
+                // A decimal multiple of the metre fits any system in metres; a foot contradicts such a system.
                 let decimal = metres.log10().fract().abs() < 1e-12 && crs.unit_m() == 1.0;
                 if origin == CrsSource::File && !decimal {
                     let help = format!(
@@ -186,8 +186,8 @@ impl AxisUnit {
     }
 }
 
-/// The factor that converts coordinates from the unit `unit` to the unit of a system; 1 if `unit` is empty. Notes
-/// receive a conversion.
+/// The factor that converts coordinates from the unit `unit` to the unit of a system; 1 if `unit` is empty. A
+/// conversion is recorded in `notes`.
 ///
 /// # Errors
 /// Fails for an unknown unit, degrees in a projected system, or a length in a system of degrees.

@@ -58,10 +58,10 @@ pub(crate) enum FileCrs {
     Unknown,
 }
 
-/// Note on a map whose height is unknown. It is not an error, because only a continuation needs the height.
+/// Note on a map whose height is unknown. An unknown height is no error, because only a continuation needs the height.
 pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set `alt_m`";
 
-/// Scale and offset of unpacked values.
+/// Scale and offset of values that are not packed.
 pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
 
 /// Plausible heights of a map in metres: from the deepest ocean to satellites.
@@ -130,7 +130,7 @@ impl<'a> MapDraft<'a> {
         Ok(map)
     }
 
-    /// Rejects a component that the file does not hold, and notes the one that it holds.
+    /// Rejects a requested component that the file does not hold, and adds a note on the component that it holds.
     fn check_component(&mut self, options: &MapOptions) -> Result<(), ReadError> {
         match (self.component, options.field_component) {
             (None, Some(component)) => {

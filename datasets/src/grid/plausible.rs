@@ -15,7 +15,7 @@ pub(crate) fn accepted(accept: &[PlausibilityCheck]) -> bool {
     accept.contains(&PlausibilityCheck::Range)
 }
 
-/// A number in the spelling of an option.
+/// A number, spelt as in an option.
 pub(crate) fn number(value: f64) -> String {
     let plain = value == 0.0 || (1e-4..1e15).contains(&value.abs());
     if plain { value.to_string() } else { format!("{value:e}") }

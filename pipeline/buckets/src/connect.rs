@@ -69,7 +69,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
         (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
         (ClientConfigKey::ConnectTimeout, "CONNECT_TIMEOUT", "5 seconds"),
     ];
-    // Up to eight retries within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
+    // Up to eight retries within two minutes, with pauses of 0.2 s, 0.4 s and so on, up to 10 s.
     let retry = RetryConfig {
         backoff: BackoffConfig {
             init_backoff: Duration::from_millis(200),

@@ -34,7 +34,7 @@ pub(super) fn is_cut(error: &Error) -> bool {
 
 /// Whether the store rejects the request, or the identity of the caller.
 pub(super) fn is_forbidden(error: &Error, text: &str) -> bool {
-    // The error of a listing does not contain the kind of error.
+    // For a listing, only the text of the error gives the status.
     let is_rejected = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
     is_rejected || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
 }

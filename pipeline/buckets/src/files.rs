@@ -222,7 +222,8 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder)
 }
 
-/// Copies the object behind `path`, a file of the cache to which another file of the cache refers. Ignores other paths.
+/// Copies the object that belongs to `path`, a file of the cache to which another file of the cache refers. Ignores
+/// paths outside the cache.
 ///
 /// # Errors
 /// Fails if the server cannot be reached or reports an error.

@@ -166,7 +166,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     let east = around(ends(picture.east_m.iter().copied())?, 0.04, 10.0);
     let north = around(ends(picture.north_m.iter().copied())?, 0.04, 10.0);
     let scale = (TRACK.0 / (east.1 - east.0)).min(TRACK.1 / (north.1 - north.0));
-    // A track along one line also has a frame.
+    // The frame has a minimum size, for a track along a straight line.
     let size = ((scale * (east.1 - east.0)).max(160.0), (scale * (north.1 - north.0)).max(120.0));
     let middle = (0.5 * (east.0 + east.1), 0.5 * (north.0 + north.1));
     let rect = Rect { x: LEFT + 0.5 * (TRACK.0 - size.0), y: top, w: size.0, h: size.1 };

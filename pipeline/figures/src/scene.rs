@@ -64,7 +64,7 @@ pub const BLACK: Ink = Ink::full([26, 26, 26]);
 /// Colour of the paper.
 pub const WHITE: Ink = Ink::full([255, 255, 255]);
 
-/// Part of a string at its position.
+/// Part of a text that is placed at the text's position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextAnchor {
     /// Beginning.

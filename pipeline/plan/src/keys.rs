@@ -79,7 +79,7 @@ impl VariantKeys {
     }
 }
 
-/// Columns that pass through from input `i`, including the columns of `where`.
+/// Columns that are read from input `i`, including the columns of `where`.
 fn read(variant: &StageVariant, i: usize) -> Vec<String> {
     let mut columns = variant.yields.reads.get(i).cloned().unwrap_or_default();
     if i == 0
@@ -252,7 +252,7 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// Columns that pass through from input `i`, including the columns of `where`.
+    /// Columns that are read from input `i`, including the columns of `where`.
     pub fn read(&self, it: &StageInstance, i: usize) -> Vec<String> {
         read(it.variant, i)
     }

@@ -152,7 +152,7 @@ impl Plan {
         self.tables.iter().flat_map(|t| &t.entry.metrics).find(|m| m.name == name)
     }
 
-    /// The nearest table upstream of `from`, or `from` itself, that `stage` made.
+    /// The nearest table, among `from` and the tables upstream, whose stage has the role `role`.
     pub fn upstream(&self, from: &[TableRef], role: StageRole) -> Option<TableRef> {
         let mut queue: Vec<TableRef> = from.to_vec();
         let mut seen: BTreeSet<TableRef> = BTreeSet::new();
@@ -171,7 +171,7 @@ impl Plan {
         None
     }
 
-    /// The tables whose stage has a role, in the plan's order.
+    /// The tables whose stage has the role `role`, in the plan's order.
     pub fn tables_of(&self, role: StageRole) -> impl Iterator<Item = usize> + '_ {
         (0..self.tables.len()).filter(move |t| self.tables[*t].entry.role == Some(role))
     }

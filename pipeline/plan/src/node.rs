@@ -101,7 +101,7 @@ impl TableNode {
         self.len() == 0
     }
 
-    /// The numbers of the table's points.
+    /// The grid of the table's points.
     pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }

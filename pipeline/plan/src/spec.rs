@@ -25,7 +25,7 @@ pub use search::{
     reference as search_reference,
 };
 
-/// Bytes of the spec; the bytes of the `--set` assignments follow the bytes of the file.
+/// Range of bytes in the spec; the bytes of the `--set` assignments follow the bytes of the file.
 pub type SpecSpan = Range<usize>;
 
 /// A parsed spec, not yet checked against the catalogue or the data.
@@ -142,9 +142,9 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
 const TOP: [&str; 8] = ["name", "seed", "store", "tables", "axes", "search", "stages", "publish"];
 
 impl Spec {
-    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, after applying each of `sets`:
-    /// `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (also
-    /// `stages.STAGE.PARAMETER`), `=` and a value. The value is TOML; other values are text.
+    /// Reads the spec `text` of `file` with the assignments `sets`. Relative paths start from `folder`. An assignment
+    /// is `KEY=VALUE`; KEY is `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or
+    /// `STAGE.PARAMETER` (also `stages.STAGE.PARAMETER`). A VALUE that is not TOML is text.
     ///
     /// # Errors
     /// Fails with all faults of the spec's form, each with its position.

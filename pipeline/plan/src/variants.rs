@@ -144,7 +144,7 @@ impl PlanBuilder<'_> {
         })
     }
 
-    /// The input tables and rows of a stage.
+    /// The contexts of a stage: its input tables, and the predicate on its rows.
     fn reach(&mut self, decl: &StageDecl, entry: &StageEntry, slots: &[InputSlot]) -> StageContexts {
         let spec = self.spec;
         let of_where = decl.predicate.as_ref().map(|(text, _)| axes_in(text, spec)).unwrap_or_default();

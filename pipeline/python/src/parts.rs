@@ -74,7 +74,7 @@ impl PartHead {
         self.params.iter().map(PartParam::document).collect()
     }
 
-    /// Rejects parameters with a name that has another meaning.
+    /// Rejects a parameter with one of the names `taken`, which have another meaning.
     fn reserve(&self, taken: &[&str]) -> Result<(), String> {
         match self.params.iter().find(|param| taken.contains(&param.name)) {
             Some(param) => {

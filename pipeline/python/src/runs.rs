@@ -42,7 +42,7 @@ pub struct SpecSource {
     pub folder: PathBuf,
     /// The text; without it, the file is read.
     pub text: Option<String>,
-    /// Overrides, as of `--set`.
+    /// Assignments, as for `--set`.
     pub sets: Vec<String>,
 }
 

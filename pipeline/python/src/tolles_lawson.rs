@@ -120,7 +120,7 @@ pub fn fit<'py>(
     Ok((PyArray1::from_vec(py, coefficients), residual_std, path.condition, path.rows))
 }
 
-/// Moments of the filtered and trimmed rows, folded run by run as in the stage `fit`.
+/// Moments of the filtered and trimmed rows, accumulated run by run as in the stage `fit`.
 fn moments_of(a: &[f64], y: &[f64], runs: &[Range<usize>], filter: Option<FitFilter>) -> PyResult<RegressionMoments> {
     let terms = a.len() / y.len().max(1);
     let (mut a, mut y) = (Cow::Borrowed(a), Cow::Borrowed(y));

@@ -128,7 +128,7 @@ pub fn report_with(graph: &PlanGraph, store: &Store, against: Option<&ReportComp
     let subjects = groups.first().map(|g| g.subjects.as_slice()).unwrap_or_default();
     sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
     sections.extend(quality::section(&source)?);
-    // Failures are published too.
+    // Like the published tables, the recorded failures belong to the last run.
     let failures = if current { source.failures()? } else { vec![] };
     let answer = answer::section(&source, &boards, &warnings, failures.iter().map(|f| f.times).sum())?;
     let alerts = page::ReportAlerts { answer, failures, warnings, outdated: !current };

@@ -1,5 +1,5 @@
 //! Maps of MagNav.jl in MATLAB files: a structure `map_data`, or the variables of the file; the module `map_magnav`
-//! describes its arrays. `get_map` of MagNav.jl reads the structure.
+//! describes the arrays. `get_map` of MagNav.jl reads the structure.
 
 use std::path::Path;
 

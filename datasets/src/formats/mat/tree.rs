@@ -117,7 +117,7 @@ fn named(labels: &[String], rows: u64, columns: u64) -> Option<Vec<String>> {
     (!twice && labels.len() as u64 == columns && rows > 0).then_some(labels)
 }
 
-/// The columns of a matrix: `name[0]`, or its labels.
+/// The columns of a matrix, named by its labels or, without labels, `name[0]`, `name[1]` and so on.
 fn split(
     variable: &str,
     name: &str,
@@ -181,8 +181,8 @@ fn flatten(variable: &str, prefix: &str, fields: Vec<MatVariable>, to: &mut Vec<
     }
 }
 
-/// Groups columns by their length. The table of the most common length, except that of single values, has the plain
-/// name.
+/// Groups columns by their length. The group with the most columns has the plain name; a group of single values has it
+/// only if there is no other group.
 fn group(name: &str, columns: Vec<MatColumn>) -> Vec<MatTable> {
     let mut by_rows: BTreeMap<u64, Vec<MatColumn>> = BTreeMap::new();
     for column in columns.into_iter().filter(|c| c.rows > 0) {

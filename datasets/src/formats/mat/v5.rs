@@ -105,7 +105,7 @@ struct MatElementTag {
     small: Option<[u8; 4]>,
 }
 
-/// The bytes of a variable.
+/// Reader of the bytes of a variable.
 struct MatByteReader<'a> {
     input: &'a mut dyn Read,
     big: bool,
@@ -151,7 +151,7 @@ impl<'a> MatByteReader<'a> {
         Ok(MatElementTag { kind: first, bytes, small: None })
     }
 
-    /// The data of an element, with the padding after it.
+    /// Reads the data of an element, and skips the padding after it.
     fn data(&mut self, tag: &MatElementTag, most: u64) -> io::Result<Vec<u8>> {
         if tag.bytes > most {
             return Err(broken("an element is too long"));
@@ -230,7 +230,7 @@ impl<'a> MatByteReader<'a> {
                     None
                 };
                 let (rows, columns) = (dims.first().copied().unwrap_or(0), dims.get(1).copied().unwrap_or(0));
-                // Unused numbers at the end are not read.
+                // Numbers that are not kept are skipped, except at the end of an outermost array, where reading stops.
                 if values.is_none() && !outermost {
                     self.skip_data(&tag)?;
                 }
@@ -339,7 +339,7 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<ColumnVa
     }
 }
 
-/// Converts integers to floats if these are exact, otherwise to integers or text.
+/// Converts integers to Float64 if all of them are exact as Float64, otherwise to Int64 if they fit, otherwise to text.
 fn exact(numbers: impl Iterator<Item = i128> + Clone) -> ColumnValues {
     const EXACT: u128 = 1 << 53;
     let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);

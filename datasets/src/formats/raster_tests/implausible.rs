@@ -28,7 +28,7 @@ fn unit_impossible_values_of_maps_are_rejected() {
     let unknown = MapOptions { missing: vec!["1e308".into()], ..MapOptions::default() };
     assert!(same(&bytes("m.tif", &huge, &unknown).unwrap(), (5.0, 7.0, 1)));
 
-    // Variants: one impossible value among three of an anomaly, in the unit of the file.
+    // Each variant adds one impossible value to three values of an anomaly, in the unit of the file.
     let text = |value: &str| format!("lon,lat,anomaly\n1,1,5\n2,1,6\n1,2,7\n2,2,{value}\n");
     let read = |value: &str, options: &MapOptions| bytes("m.csv", text(value).as_bytes(), options);
     for value in ["99999", "1e20", "-1e34", "32767", "-1e308", "54321", "9999", "-65536"] {

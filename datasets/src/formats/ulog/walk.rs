@@ -60,12 +60,12 @@ impl LengthMismatches {
 }
 
 impl UlogTopic {
-    /// Name in the options: without the number for instance 0.
+    /// Name of the topic in the options; the name of instance 0 has no number.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
     }
 
-    /// A note on its messages that do not match the definition.
+    /// A note on the messages of the topic that do not match its definition.
     pub(super) fn misfitting(&self) -> Option<String> {
         let range = |(least, most): (usize, usize)| {
             if least == most { format!("{least}") } else { format!("{least} to {most}") }
@@ -430,7 +430,7 @@ impl UlogScanState {
 
     /// Reads the flags of required features and the positions of appended data.
     fn flags(&mut self, path: &Path, body: &[u8]) -> Result<(), ReadError> {
-        /// Data are appended to the file.
+        /// Flag of a file to which data were appended.
         const APPENDED: u8 = 1;
         let incompatible = body.get(8..16).unwrap_or_default();
         let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);

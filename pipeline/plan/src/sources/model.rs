@@ -71,7 +71,8 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
     Ok((condition, at, features))
 }
 
-/// The rows of one model of the Parquet files at `path`: strings, whole numbers and numbers. A missing number is NaN.
+/// The rows of one model of the Parquet files at `path`, as strings, integers and floating-point numbers. A missing
+/// number is NaN.
 ///
 /// # Errors
 /// Fails if a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the selected
@@ -104,7 +105,7 @@ pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     Ok(rows)
 }
 
-/// Columns of a model in the types that stages accept: strings, whole numbers and numbers.
+/// Columns of a model in the types that stages accept: strings, integers and floating-point numbers.
 fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut arrays): (Vec<Field>, Vec<ArrayRef>) = (vec![], vec![]);
     for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {

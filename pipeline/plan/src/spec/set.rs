@@ -213,7 +213,7 @@ fn stage<'i>(root: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Span
     }
 }
 
-/// Sets the value at `path`, with the tables on the way to it.
+/// Sets the value at `path`, and creates missing tables on the way to it.
 fn put<'i>(of: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<DeValue<'i>>) {
     let Some((first, rest)) = path.split_first() else { return };
     let name = word(first);

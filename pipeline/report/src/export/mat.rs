@@ -117,7 +117,7 @@ impl<W: Write + Send> TableWriter for MatWriter<W> {
         let mut head = [b' '; 124];
         let text = b"MATLAB 5.0 MAT-file, written by magline";
         head[..text.len()].copy_from_slice(text);
-        // No data of subsystems.
+        // The file has no subsystem data.
         head[116..].fill(0);
         let mut write = |bytes: &[u8]| self.out.write_all(bytes).map_err(|e| write_failed(&e));
         write(&head)?;

@@ -99,7 +99,7 @@ fn together(a: Bounds, b: Bounds) -> Bounds {
     }
 }
 
-/// The pictures and the colour scale.
+/// SVG definitions: the pictures of the maps, and the colour scale.
 fn defs<'a>(pictures: impl Iterator<Item = &'a AtlasImage>) -> Markup {
     let pictures: Vec<&AtlasImage> = pictures.collect();
     html! {
@@ -116,7 +116,8 @@ fn defs<'a>(pictures: impl Iterator<Item = &'a AtlasImage>) -> Markup {
 }
 
 impl Atlas {
-    /// Both maps of one line.
+    /// The maps of one line: the whole line, the detail view and, if it does not show the largest ellipse, a view of
+    /// that ellipse.
     pub fn plots(&self, line_tracks: &LineTracks) -> Markup {
         let place = worst_place(line_tracks);
         let zoom = place.map(|k| zoom_bounds(line_tracks, k));

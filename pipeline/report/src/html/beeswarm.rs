@@ -29,7 +29,7 @@ const COLOURS: [[f64; 3]; 6] = [
     [251.0, 0.0, 138.0],
     [255.0, 0.0, 81.0],
 ];
-/// Colour of a group without a single value.
+/// Colour of dots without a value on the colour scale.
 const GREY: &str = "#777777";
 
 /// The samples of one model, by group: the contribution, and the value of the input, NaN for a group of several inputs.

@@ -30,7 +30,7 @@ const TRUTH: [u8; 3] = [255; 3];
 const INS: [u8; 3] = [255, 122, 26];
 const ESTIMATE: [u8; 3] = [255, 79, 208];
 
-/// Selection of tracks and their form.
+/// Selection of tracks by table and line.
 pub struct TrackSelection<'a> {
     /// Tables of `navigate`; all if empty.
     pub tables: &'a [String],

@@ -169,7 +169,7 @@ fn positions(rows: &[usize], is: impl Fn(usize) -> bool) -> Vec<usize> {
     rows.iter().enumerate().filter(|(_, r)| is(**r)).map(|(i, _)| i).collect()
 }
 
-/// Distinct values in order of appearance, and the position of each word among them.
+/// The distinct words in order of appearance, and for each word its position among them.
 fn coded<'a>(words: impl Iterator<Item = &'a str>) -> (Vec<&'a str>, Vec<usize>) {
     let mut known: BTreeMap<&str, usize> = BTreeMap::new();
     let (mut values, mut at) = (vec![], vec![]);

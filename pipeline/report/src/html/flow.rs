@@ -222,7 +222,7 @@ mod tests {
     fn unit_long_arrows_have_a_lane_and_nothing_overlaps() {
         let columns = layout(&example());
         let lanes = columns.iter().flatten().filter(|p| p.node.is_none()).count();
-        // The arrow from terms passes coefficients, and the arrow from clean passes track.
+        // The arrow from `terms` passes the box `coefficients`, and the arrow from `clean` passes the box `track`.
         assert_eq!(lanes, 2);
         for places in &columns {
             for pair in places.windows(2) {

@@ -117,12 +117,12 @@ struct SeriesTable {
 }
 
 impl SeriesTable {
-    /// Whether the table has elements of lists.
+    /// Whether the table has columns that are elements of lists.
     fn has_elements(&self) -> bool {
         self.columns.iter().any(|c| list_element(&c.name).is_some())
     }
 
-    /// The table without elements of lists.
+    /// The table without columns that are elements of lists.
     fn without_elements(&self) -> SeriesTable {
         let columns = self.columns.iter().filter(|c| list_element(&c.name).is_none()).cloned().collect();
         SeriesTable { at: self.at, tt: self.tt.clone(), columns }
