@@ -31,7 +31,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 
 /// Length of the header.
 const HEADER: usize = 512;
-/// In the header of a compressed grid, the number of bytes per element is increased by this value.
+/// Value by which the header of a compressed grid increases the number of bytes per element.
 const COMPRESSED: i32 = 1024;
 /// Bytes at the start of each compressed block that are not part of its deflated data.
 const BLOCK_HEAD: usize = 16;

@@ -45,7 +45,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 /// Rows per batch.
 const ROWS: usize = 65_536;
 
-/// For each name in the header: the column name and the unit; empty for a canonical unit.
+/// Names in the header, each with the name of the column and the unit; the unit is empty if it is canonical.
 const COLUMNS: [(&str, &str, &str); 27] = [
     ("Counter", "counter", ""),
     ("MFAM Fiducial", "fiducial", ""),

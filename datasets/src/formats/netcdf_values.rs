@@ -187,7 +187,7 @@ impl NetcdfAttributes<'_> {
         matches!(self.get(name), Some(NetcdfAttribute::Numbers(_, true)))
     }
 
-    /// If `_Unsigned` contradicts the sign of an integer type, 2 to the power of the number of its bits.
+    /// Two to the power of the number of bits, for an integer type whose sign `_Unsigned` contradicts.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
         let unsigned = match self.get("_Unsigned") {
             None => return Ok(None),

@@ -33,7 +33,7 @@ pub(super) struct PointColumn {
 pub(super) struct PointTable {
     pub(super) columns: Vec<PointColumn>,
     pub(super) rows: usize,
-    /// For each line record, the index of the row that follows it, and the name of the line.
+    /// Line records: the index of the row that follows each record, and the name of the line.
     pub(super) records: Vec<(usize, String)>,
     /// Type of each line, by the name of the line, if the file gives it.
     pub(super) types: BTreeMap<String, LineType>,

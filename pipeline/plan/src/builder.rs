@@ -36,12 +36,12 @@ pub struct PlanBuilder<'a> {
     pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
-    /// For each table in `flights`, the schema that stages see.
+    /// Schemas of the tables in `flights`, as stages see them.
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
     /// Schemas of a map without and with the error of each node.
     pub map_shapes: [Arc<Table>; 2],
-    /// For each map in `maps`, the schema that stages see.
+    /// Schemas of the maps in `maps`, as stages see them.
     pub wholes: Vec<Arc<Table>>,
     /// Opened tables of files, by name and use; `None` if a file could not be opened.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,

@@ -40,7 +40,7 @@ pub struct PlanGraph<'a> {
     pub(super) sets: LineSets,
     /// Column names, by number.
     pub(super) names: ColumnNames,
-    /// For each table of flights and each column that stages read, the key of the column on each line.
+    /// Keys of the columns that stages read: for each table of flights and each column, the key on each line.
     pub(super) sources: Vec<HashMap<ColumnNumber, Vec<Option<HashKey>>>>,
     /// Key data of each table.
     pub(super) nodes: Vec<NodeKeys>,

@@ -282,7 +282,7 @@ impl<'a> UnusedParameters<'a> {
 #[derive(Default)]
 struct VariantCollector {
     variants: Vec<StageVariant>,
-    /// For each variant, the position of its table in `tables`.
+    /// Position of each variant's table in `tables`.
     table: Vec<u32>,
     tables: Vec<Arc<Table>>,
     /// Distinct schemas by hash.

@@ -18,7 +18,7 @@ pub struct ScoreBoard {
     pub table: usize,
     /// Scores.
     pub scores: Scores,
-    /// For each row of the scores, the point of the table.
+    /// Point of the table for each row of the scores.
     pub instances: Vec<usize>,
     /// The metrics that have a value but no column in the table of scores.
     pub more: Vec<MoreScores>,

@@ -28,7 +28,7 @@ const ROW: f64 = 22.0;
 struct ImportanceRanking {
     method: String,
     unit: String,
-    /// For each group, the absolute value of its importance on each line.
+    /// Absolute value of the importance of each group, one for each line.
     groups: BTreeMap<String, Vec<f64>>,
     /// The samples, if they are stored.
     swarm: BeeswarmSamples,
