@@ -89,7 +89,7 @@ fn tree(snapshot: &Snapshot, name: &str, depth: usize, out: &mut String) {
     }
 }
 
-/// The names of all tables that `table` depends on, itself first.
+/// The name of `table`, followed by the names of all tables that it depends on.
 fn upstream<'a>(snapshot: &'a Snapshot, table: &'a SnapshotTable) -> Vec<&'a str> {
     let mut names = vec![table.name.as_str()];
     let mut i = 0;

@@ -42,7 +42,7 @@ impl LineageEventType {
     }
 }
 
-/// A facet of the specification, from the version and name of its schema and its content.
+/// A facet of the specification: `body` is its content, `version` and `name` identify its schema.
 pub fn facet(version: &str, name: &str, body: Value) -> Value {
     let url = format!("https://openlineage.io/spec/facets/{version}/{name}.json#/$defs/{name}");
     let mut whole = json!({ "_producer": PRODUCER, "_schemaURL": url });
@@ -61,7 +61,7 @@ pub struct ParentRun {
 }
 
 impl ParentRun {
-    /// Parses `<namespace>/<job>/<run>`, as schedulers pass it in `OPENLINEAGE_PARENT_ID`.
+    /// Parses `<namespace>/<job>/<run>`, which schedulers pass in `OPENLINEAGE_PARENT_ID`.
     pub fn parse(text: &str) -> Option<ParentRun> {
         let (rest, run) = text.rsplit_once('/')?;
         let (namespace, job) = rest.rsplit_once('/')?;

@@ -49,7 +49,7 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
         ModelOptions::docs(&lists),
         publish::ProtectionKeys::docs(&lists),
     ];
-    // Only the file shows the kind of a table, so the keys of all kinds are accepted.
+    // The kind of a table is known only from its file, so the keys of all kinds are accepted.
     let mut source = group(&sources.concat());
     put(&mut source, "path", text("The file, folder or pattern, relative to the folder of the spec."));
     put(&mut source, "where", text("For a model: an SQL condition that selects one of several models."));
@@ -80,8 +80,8 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
     })
 }
 
-/// The forms of a stage: one for each choice, such as the models of `fit`, and one form in which an axis makes the
-/// choice.
+/// The schemas of a stage: one for each choice, such as each model of `fit`, and one in which the choice is the value
+/// of an axis.
 fn variants(entry: &StageEntry) -> Vec<Value> {
     let mut by_key: BTreeMap<&str, Vec<&ChoiceDoc>> = BTreeMap::new();
     for kind in &entry.kinds {
@@ -102,13 +102,13 @@ fn variants(entry: &StageEntry) -> Vec<Value> {
     forms
 }
 
-/// Whether a default in canonical spelling is a name.
+/// Whether a default in canonical spelling equals `name`.
 fn named(default: &str, name: &str) -> bool {
     default.trim_matches('"') == name
 }
 
-/// The form of a stage with the keys of `kinds`. `chosen` is the key of the choice, its values, and whether it is
-/// required.
+/// The schema of a stage with the keys of `kinds`. `chosen` holds the key that makes the choice, the schema of its
+/// value, and whether the key is required.
 fn stage(entry: &StageEntry, kinds: &[&ChoiceDoc], chosen: Option<(&str, Value, bool)>) -> Value {
     let mut required = vec!["name".to_owned(), "stage".to_owned()];
     let mut keys = Map::new();
@@ -200,7 +200,7 @@ fn insert<'a>(keys: &mut Map<String, Value>, docs: impl Iterator<Item = &'a Para
     required
 }
 
-/// The values of a key: values of its type, or an axis.
+/// The schema of a key: a value of its type, or an axis.
 fn param(doc: &ParamDoc) -> Value {
     let own = own_type(doc).unwrap_or(json!({}));
     let unit = if matches!(doc.unit, "" | "1") { String::new() } else { format!(" Unit: {}.", doc.unit) };
@@ -212,7 +212,7 @@ fn param(doc: &ParamDoc) -> Value {
     shown
 }
 
-/// The values of a type and a rule; `None` for an unknown type or rule.
+/// The schema of a key's type and rule; `None` for an unknown type or rule.
 fn own_type(doc: &ParamDoc) -> Option<Value> {
     let limits = limits(&doc.rule)?;
     let with = |mut base: Value, more: &Value| {
@@ -228,7 +228,8 @@ fn own_type(doc: &ParamDoc) -> Option<Value> {
         "boolean" => json!({ "type": "boolean" }),
         "text" => with(json!({ "type": "string" }), &limits),
         "number or `auto`" => json!({ "anyOf": [with(json!({ "type": "number" }), &limits), { "const": "auto" }] }),
-        // The types of the elements are checked by `magline check`. A single value is a list of one.
+        // The types of the elements are checked by `magline check`. A single value is accepted as a list of one
+        // element.
         "list" if limits.get("enum").is_some() => {
             let item = json!({ "anyOf": [limits, { "$ref": AXIS }] });
             json!({ "anyOf": [item, { "type": "array", "items": item }] })

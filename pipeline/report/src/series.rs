@@ -30,8 +30,7 @@ pub struct SeriesColumn {
     pub values: Arc<Vec<f64>>,
 }
 
-/// Column that is computed from others, row by row. The index of a position is 0 for latitude or north, 1 for longitude
-/// or east.
+/// Column that is computed from others, row by row. The index is 0 for latitude or north, 1 for longitude or east.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DerivedColumn {
     /// Truth of the position.
@@ -68,7 +67,7 @@ impl DerivedColumn {
         DerivedColumn::Field,
     ];
 
-    /// The derived column of a name.
+    /// The derived column with this name.
     pub fn named(name: &str) -> Option<DerivedColumn> {
         DerivedColumn::ALL.into_iter().find(|column| column.about().name == name)
     }
@@ -100,7 +99,7 @@ impl DerivedColumn {
     }
 }
 
-/// The rows of a series, and the resolution.
+/// The time span of a series, and its resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeriesWindow {
     /// First time, in seconds; -∞ for the whole line.
@@ -132,8 +131,8 @@ pub struct Series {
 }
 
 /// Series of `columns` over the times `tt`, in seconds, within `window`. The nearest row on each side of the window is
-/// included. At most two rows for each pixel are returned unchanged. More rows are divided into intervals of equal
-/// time; an interval without a row is omitted.
+/// included. If there are at most two rows per pixel, the rows are returned unchanged. Otherwise they are divided into
+/// intervals of equal time; an interval without a row is omitted.
 ///
 /// # Errors
 /// Fails for columns of different lengths.

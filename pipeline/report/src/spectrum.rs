@@ -5,7 +5,7 @@ use numerics::signal::{
     spectrum::{SpectralTaper, welch},
 };
 
-/// Largest number of samples of a segment, as a power of two.
+/// Maximum number of samples of a segment, as an exponent of 2.
 const LARGEST: u32 = 12;
 
 /// Amplitude spectral densities of columns with the same times.
@@ -71,7 +71,7 @@ fn density(values: &[f64], rate_hz: f64, segment: usize) -> ColumnSpectrum {
     }
 }
 
-/// Values with one missing sample in each gap of the times, so that no segment spans a gap.
+/// Copy of the values with NaN inserted at each gap in the times, so that no segment spans a gap.
 pub fn gapped(tt: &[f64], values: &[f64], rate_hz: f64) -> Vec<f64> {
     let mut out = Vec::with_capacity(values.len());
     for (row, value) in values.iter().enumerate() {

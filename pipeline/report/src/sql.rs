@@ -29,7 +29,7 @@ pub use session::SqlSession;
 pub use tables::{VersionPins, parts};
 pub(crate) use tables::{leads_out, names as pipeline_names};
 
-/// Stack size of the worker threads, in bytes. They evaluate operators by recursion over deeply nested expressions.
+/// Stack size of the worker threads, in bytes. These threads evaluate deeply nested expressions recursively.
 pub const WORKER_STACK: usize = 64 << 20;
 
 /// Query of a store, with its memory limit.

@@ -104,7 +104,7 @@ pub struct PublishedPipeline {
     tables: Mutex<HashMap<String, Arc<ViewTable>>>,
 }
 
-/// Columns of lines, by table, version, name and first unit.
+/// Cached columns of lines, by table, version, column name and units.
 #[derive(Default)]
 struct ColumnCache {
     held: HashMap<ColumnKey, Arc<Vec<f64>>>,
@@ -248,7 +248,7 @@ impl StoreView {
         schemas::keys::HashKey::from_parts([all]).to_string()
     }
 
-    /// A column of some units of a table, from the cache if possible.
+    /// A column of the given units of a table, from the cache if possible.
     fn column(&self, version: u64, table: &ViewTable, units: &[usize], name: &str) -> Result<Arc<Vec<f64>>, ViewFault> {
         let key = (table.name.clone(), version, name.to_owned(), units.to_vec());
         if let Some(values) = locked(&self.columns).held.get(&key) {

@@ -36,7 +36,7 @@ pub struct RunRecord {
     pub sum: String,
 }
 
-/// The last key of a line.
+/// The last key of a line, which is a JSON object.
 const LAST: &str = "\"sum\":\"";
 
 /// Checksum of the text of a line, because parsed numbers may differ from the written numbers in the last bit.
@@ -73,7 +73,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
 
 /// Whether all lines of a history are intact, except for a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
-    /// Length from the value of the last key to the end of the line.
+    /// Length of the value of the last key and of the characters that close the line.
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {
         let whole = record_of(line).is_some();
@@ -110,12 +110,12 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
         // The target of a link is neither written nor copied.
         own_file(root, &path, &options).map_err(refused)?;
     } else {
-        // The name of the file must also be synced to the disk.
+        // The folder entry of a new file must also be synced to the disk.
         store.write(&path, &[])?;
     }
     repair(store, pipeline, &path)?;
     if store.is_copy() {
-        // An object is written as a whole.
+        // An object store has no append: the whole object is written again.
         let before =
             paths::read_regular(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
         return store.write(&path, &[before, line].concat());
@@ -169,7 +169,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     Ok(text::columns(&rows, 3))
 }
 
-/// The run of a pipeline with this number or, if no number is given, the newest run with this id.
+/// The run of a pipeline with the number `run` or, if `run` is not a number, the newest run with the id `run`.
 ///
 /// # Errors
 /// Fails if there is no such run.
@@ -222,7 +222,7 @@ mod tests {
             let read = record_of(line.as_bytes()).unwrap();
             assert_eq!((read.number, read.seconds as f32), (k, past.seconds as f32), "{line}");
             assert!(is_whole(line.as_bytes()));
-            // Any other number does not match the checksum.
+            // A changed number does not match the checksum.
             let other = line.replacen("\"number\":", "\"number\":9", 1);
             assert!(record_of(other.as_bytes()).is_none() && !is_whole(other.as_bytes()), "{other}");
         }

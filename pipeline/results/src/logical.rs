@@ -2,5 +2,5 @@
 
 /// Metadata key of the schema of the logical table, an Arrow message in hexadecimal digits.
 pub const SCHEMA: &str = "magline.logical_schema";
-/// Metadata key of the numbers of steps to each column, for each pattern, in JSON.
+/// Metadata key of the patterns, in JSON: each holds the number of steps upstream to the table of each column.
 pub const PATTERNS: &str = "magline.patterns";

@@ -10,7 +10,7 @@ use serde::{
     de::{Error, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer},
 };
 
-/// Values of a point by axis, followed by its parameters by name.
+/// The values of a point by axis, and its parameters by name.
 pub type SnapshotPoint = (BTreeMap<String, String>, BTreeMap<String, String>);
 
 /// The points of a table with their parameters. Each axis and each parameter has a list of its distinct values, so the
@@ -31,7 +31,7 @@ struct RepeatedValues {
     /// Number of successive points with the same value, if the values repeat in a fixed cycle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     every: Option<usize>,
-    /// Otherwise the position of the value of each point; `None` for a point without a value.
+    /// If they do not, the position of the value of each point; `None` for a point without a value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     at: Vec<Option<u32>>,
 }
@@ -147,7 +147,7 @@ impl SnapshotPoints {
         self.parameters.get(name)?.get(0)
     }
 
-    /// The points that were read, if their positions are valid.
+    /// These points; `None` if a position is invalid or there are more points than the axes allow.
     fn checked(self) -> Option<SnapshotPoints> {
         // Without axes, all points are equal.
         let most = self.axes.values().map(|v| v.values.len().max(1)).fold(1, usize::saturating_mul);

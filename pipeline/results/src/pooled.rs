@@ -184,7 +184,7 @@ pub const COLUMNS: [(&str, &str); 11] = [
     ("pooled_as", "the rule that pools the values of several lines"),
 ];
 
-/// Name of a column's type, and the columns of the tables of scores from which the column is computed.
+/// Name of the type of the column `name`, and the columns of the tables of scores from which it is computed.
 pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
     match name {
         "value" | "value_in_sample" => ("Float64", &["metric", "value", "n", SPREAD, IN_SAMPLE]),
@@ -275,7 +275,7 @@ impl AxisValueIndex {
         AxisValueIndex { axes: known, together }
     }
 
-    /// The position of the values at the start of `words`, which are removed.
+    /// Removes the values of these axes from the start of `words`, and returns their position.
     fn position(&self, words: &mut &[String]) -> Option<usize> {
         let (own, rest) = words.split_at_checked(self.axes.len())?;
         *words = rest;
@@ -285,7 +285,7 @@ impl AxisValueIndex {
     }
 }
 
-/// Notes, one for each table that pools in-sample lines with other lines.
+/// Notes, one for each table that combines in-sample lines with other lines.
 ///
 /// # Errors
 /// Fails if the goal of the search selects no line.
@@ -318,7 +318,7 @@ fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
     for i in 0..node.len() {
         let unit = |line: &usize| PlanUnit { table: t, instance: i, line: Some(*line) };
         let keys = graph.lines_of(t, i).iter().map(|line| graph.key(unit(line)).map(|key| key.to_string()));
-        // A line that lacks a column lacks the column at all points.
+        // A line without a key lacks a required column, and lacks it at all points.
         let keys: Vec<String> = keys.filter_map(Result::ok).collect();
         if !keys.is_empty() {
             groups.entry(keys).or_default().push(i);

@@ -74,7 +74,7 @@ pub struct SnapshotTable {
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
     pub lines: usize,
-    /// Number of units computed in the last measured run, and the time of their computation, in seconds.
+    /// Number of units computed in the last measured run, and the duration of their computation, in seconds.
     pub cost: Option<(usize, f64)>,
 }
 
@@ -89,8 +89,8 @@ pub struct SnapshotColumn {
     pub unit: String,
     /// Description.
     pub doc: String,
-    /// (table, column) of each column from which the column was computed; the column of the same name if it passed
-    /// through.
+    /// Table and name of each column from which this column was computed. For a column that passed through, this is the
+    /// column of the same name.
     pub from: Vec<(String, String)>,
 }
 
@@ -277,8 +277,8 @@ fn made_by(spec: &Spec) -> Option<(String, String)> {
     Some((path.to_string_lossy().into_owned(), HashKey::from_parts([&spec.text]).to_string()))
 }
 
-/// The spec that made the pipeline of `spec` in the store, if that spec is not `spec` and the store is outside of the
-/// folder of `spec`. Such a spec must not replace these tables by accident. A store that `--set` names is accepted.
+/// The spec that made the tables of this pipeline in the store, if this is not `spec` and the store is outside the
+/// folder of `spec`: `spec` must not replace these tables by accident. `None` if `--set` names the store.
 pub fn made_by_another(spec: &Spec) -> Option<String> {
     let named = spec.sets.iter().any(|set| set.trim_start().starts_with("store"));
     let inside = match (fs::canonicalize(&spec.folder), fs::canonicalize(&spec.store)) {

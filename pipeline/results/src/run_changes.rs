@@ -13,7 +13,7 @@ use super::record::{Snapshot, SnapshotSource, SnapshotTable};
 const MOST: usize = 50;
 /// Maximum number of characters of a value.
 const LONGEST: usize = 200;
-/// Number of characters of a data key that are listed.
+/// Number of characters that are shown of a data key.
 const KEY: usize = 8;
 
 /// Kind of a change.
@@ -100,7 +100,7 @@ pub fn changed_lines(one: &Snapshot, other: &Snapshot) -> BTreeSet<String> {
     found
 }
 
-/// Entry of the first and of the second run, at least one of which exists.
+/// Entry of the first run and entry of the second run; at least one of them exists.
 type EntryPair<'a, T> = (Option<&'a T>, Option<&'a T>);
 
 /// Entries of equal names, in the order of `one`, then the entries that only `other` has.
@@ -186,7 +186,7 @@ impl ChangeList {
 
     /// Adds the parameters that differ at points of both runs.
     fn parameters(&mut self, one: &SnapshotTable, other: &SnapshotTable) {
-        // A comparison of 100,000 equal points makes no list of the points.
+        // For 100,000 equal points, this avoids building a list of them.
         if one.points == other.points {
             return;
         }

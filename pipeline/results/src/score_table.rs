@@ -14,10 +14,10 @@ const NARROWEST: usize = 80;
 /// Maximum number of characters of an axis value in a table that would otherwise be too wide.
 const AXIS_WIDTH: usize = 12;
 
-/// The scores as text: at most `most` rows of at most `width` characters (at least 80). The columns before the axes
-/// hold the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for in-sample rows. The last
-/// column holds the number of flagged lines. Single in-sample values are also marked with `~`. A legend below explains
-/// the signs.
+/// The scores as text: at most `most` rows, each of at most `width` characters; widths below 80 are raised to 80. The
+/// columns before the axes hold the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for
+/// in-sample rows. The last column holds the number of flagged lines. Single in-sample values are also marked with `~`.
+/// A legend below explains the signs.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
@@ -82,7 +82,7 @@ impl ScoreTableView<'_> {
         mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
     }
 
-    /// Text of a value. An in-sample value in a row with other values has the sign `~`.
+    /// Text of a value. An in-sample value is marked with `~` if the row also has values that are not in sample.
     fn cell(&self, row: usize, metric: usize) -> String {
         let scores = self.scores;
         let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);
@@ -96,7 +96,7 @@ impl ScoreTableView<'_> {
         word.chars().take(self.axis_width.saturating_sub(2)).chain("..".chars()).collect()
     }
 
-    /// The position of the metric that is omitted next; the leading metric is never omitted.
+    /// The position of the metric to omit next; the leading metric is never omitted.
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
@@ -139,7 +139,7 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     out
 }
 
-/// The meaning of `~`, and the reason if no point is the best.
+/// The meaning of `~` and, if no point is the best, the reason.
 fn in_sample_legend(scores: &Scores) -> String {
     let mut out =
         "~ in sample: the lines were used to make a model, noise estimate or map, or to choose a parameter; never \
@@ -223,7 +223,7 @@ mod tests {
             let text = render(&scores(3), width, 100);
             let table = text.lines().take_while(|l| !l.starts_with('*'));
             assert!(table.clone().all(|l| l.chars().count() <= width), "{width}\n{text}");
-            // The figures that show the quality of the track are never omitted.
+            // The metrics of the track's quality are never omitted.
             for metric in ["drms [m]", "ins_drms [m]", "nees", "nis"] {
                 assert!(table.clone().next().is_some_and(|l| l.contains(metric)), "{width}: no {metric}\n{text}");
             }

@@ -18,13 +18,13 @@ pub struct Scores {
     pub metrics: Vec<Metric>,
     /// One row per sweep point: the axis values as text, then a value for each metric.
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
-    /// The largest number of lines of a row, in sample or not.
+    /// The largest number of lines of a row, counting in-sample lines, too.
     pub lines: usize,
     /// Number of flagged lines of each row: lines on which the filter diverged or the filter's covariance is wrong.
     pub marks: Vec<usize>,
-    /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance.
+    /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance predicts.
     pub cautious: Vec<usize>,
-    /// The in-sample lines of each row; empty if no row has in-sample lines.
+    /// The scores of each row on its in-sample lines; empty if no row has in-sample lines.
     pub in_sample: Vec<InSampleScores>,
 }
 
@@ -85,7 +85,7 @@ impl Scores {
         self.cautious = (0..self.marks.len()).filter(|r| self.marks[*r] > 0 && wrong[*r].is_empty()).collect();
     }
 
-    /// The lines of each row, as flight and line, that are flagged by `warnings` of the table `name`.
+    /// For each row, the lines (flight and line) that are flagged by `warnings` of the table `name`.
     pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
         self.lines_with(name, warnings, WarningKind::spoils)
     }
@@ -237,7 +237,7 @@ impl Scores {
     }
 }
 
-/// Axis value in one form for all its spellings: `0.0` and `0` are the same number.
+/// Axis value in a form that is the same for all its spellings: `0.0` and `0` are the same number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum AxisWord {
     Number(u64),

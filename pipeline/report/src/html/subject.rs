@@ -8,13 +8,13 @@ use super::{answer::with_unit, board::ScoreBoard, source::ReportSource};
 
 /// A sweep point that is shown in detail, with its stages.
 pub struct ReportSubject {
-    /// `best`, `worst`, `first` or the table, for anchors.
+    /// Identifier in the page's links: `best`, `worst`, `first`, or `table-` and the name of a table.
     pub id: String,
     /// The heading.
     pub title: String,
     /// The point as text; empty without axes.
     pub point: String,
-    /// The score by which it was chosen, as text.
+    /// The score by which the point was chosen, as text.
     pub why: String,
     /// The table with the compensated signal.
     pub compensate: Option<TableRef>,
@@ -26,7 +26,7 @@ pub struct ReportSubject {
     pub fit: Option<TableRef>,
     /// The column of the true field, if the scores name this column.
     pub truth: Option<String>,
-    /// The score by which it was chosen.
+    /// The score by which the point was chosen.
     pub chosen: Option<SubjectScore>,
 }
 
@@ -35,7 +35,7 @@ pub struct ReportSubject {
 pub struct ReportLine {
     /// The line.
     pub line: LineId,
-    /// The reason for its choice.
+    /// The reason why this line was chosen.
     pub why: &'static str,
 }
 
@@ -79,13 +79,13 @@ pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubje
 /// Maximum number of lines shown for each further table of `navigate`, so that all tables fit on one page.
 const LINES: usize = 2;
 
-/// The board and metric by which points are ranked.
+/// The score table and the metric by which points are ranked.
 fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
 
-/// The other tables of `navigate` with results, at most `most`, each at its best point by its scores, or at its first
-/// point without scores; and the number of omitted tables.
+/// At most `most` further tables of `navigate` that have results, and the number of omitted tables. Each table is shown
+/// at its best point or, if it has no scores, at its first point.
 pub fn navigations(
     source: &ReportSource,
     boards: &[ScoreBoard],
@@ -122,7 +122,7 @@ pub fn navigations(
                 ReportSubject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
             }
         };
-        // Earlier stages are shown with the first scores.
+        // The stages before the navigation are shown only with the first score table.
         ReportSubject { compensate: None, map_value: None, fit: None, ..found }
     };
     (others.into_iter().map(one).collect(), more)
@@ -183,7 +183,7 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     let model = compensate.and_then(|r| plan.upstream(&[r], StageRole::FitsModel));
     let fit = model.or_else(|| find(StageRole::FitsModel));
     let navigate = find(StageRole::EstimatesTrack);
-    // The table is shown even without scores.
+    // A table of map values is shown even if no scores refer to it.
     let elsewhere = || plan.tables_of(StageRole::ReadsMap).next().map(|t| TableRef::Stage(t, 0));
     let map_value = find(StageRole::ReadsMap).or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
@@ -196,8 +196,8 @@ pub fn word(canonical: &str) -> Option<String> {
     Some(inner.to_owned())
 }
 
-/// Lines to show. With scores, these are the median line by the score of the best point, then the best and the worst
-/// line. Without scores, only the longest line is shown.
+/// Lines to show. With scores, these are the lines with the median, the best and the worst score at the point of
+/// `subject`. Without scores, only the longest line is shown.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -237,8 +237,8 @@ pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> St
     words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
-/// Flight, line, score of the line at this point, and the reason for its choice. `best` is the point by which the lines
-/// were chosen.
+/// Flight, line, score of the line at the point of `subject`, and the reason why the line was chosen. The lines were
+/// chosen by their scores at the point `best`.
 ///
 /// # Errors
 /// Fails if the store is damaged.

@@ -12,7 +12,8 @@ const MOST: usize = 1000;
 /// Maximum number of rows of a table that is not folded.
 const OPEN: usize = 12;
 
-/// Section of one board: table and heat maps, and the tables `by_line` of single lines.
+/// Section of one score table: the pooled scores, their heat maps, and the tables `by_line` with the scores of single
+/// lines.
 pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
@@ -132,7 +133,7 @@ fn glossary(board: &ScoreBoard) -> Markup {
     }
 }
 
-/// A string with code between backticks.
+/// A text in which the parts between backticks are shown as code.
 pub fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
@@ -144,7 +145,7 @@ struct HeatMap {
     axes: (usize, usize),
     /// The values of each axis.
     values: (Vec<String>, Vec<String>),
-    /// Row of the scores for each cell, by rows, then columns.
+    /// For each cell, row by row, the position of its row in the scores.
     cells: Vec<Option<usize>>,
 }
 
@@ -153,7 +154,8 @@ fn heat_maps(board: &ScoreBoard, searched: &[&str]) -> Vec<Markup> {
     worth.filter_map(|m| heat(board, m, searched)).map(|h| drawn(board, &h)).collect()
 }
 
-/// Heat map over the first two axes with several values, except the axes `searched`, whose values occur once.
+/// Heat map over the first two axes with several values. The axes `searched` are excluded, because each of their values
+/// occurs only once.
 fn heat(board: &ScoreBoard, metric: usize, searched: &[&str]) -> Option<HeatMap> {
     const SIDE: usize = 40;
     let values = |axis: usize| {
@@ -162,7 +164,7 @@ fn heat(board: &ScoreBoard, metric: usize, searched: &[&str]) -> Option<HeatMap>
             if let Some(v) = key.get(axis).filter(|v| !seen.contains(v)) {
                 seen.push(v.clone());
             }
-            // Too many values for a map; counting more takes too long.
+            // There are too many values for a heat map, and counting the rest would take too long.
             if seen.len() > SIDE {
                 break;
             }
@@ -272,7 +274,7 @@ mod tests {
         });
         board.scores.rows.extend(more);
         board.scores.marks = vec![0; board.scores.rows.len()];
-        // The first two axes with several values are `twice` and `mag`; the best is over `lambda`.
+        // The first two axes with several values are `twice` and `mag`; each cell is the best over `lambda`.
         let heat = heat(&board, 1, &[]).unwrap();
         assert_eq!(heat.axes, (0, 1));
         let values: Vec<_> = heat.cells.iter().map(|r| r.and_then(|r| board.value(r, 1))).collect();

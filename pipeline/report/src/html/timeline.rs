@@ -13,7 +13,7 @@ pub struct TimelineLane {
     pub lines: Vec<(f64, f64)>,
     /// Gaps in the samples.
     pub gaps: Vec<(f64, f64)>,
-    /// Fault, and the first and last time of the fault.
+    /// Faults, each with its first and last time.
     pub parts: Vec<(QualityFigure, f64, f64)>,
 }
 

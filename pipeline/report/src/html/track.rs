@@ -99,7 +99,7 @@ impl LineTracks {
         Some(self.truth.as_ref()?.less(self.ins.as_ref()?))
     }
 
-    /// Region of the estimate at row `k`, with a scale of `sigmas` standard deviations.
+    /// Error ellipse of the estimate at row `k`, at `sigmas` standard deviations.
     pub fn ellipse(&self, k: usize, sigmas: f64) -> Option<Ellipse> {
         let [sd_n, sd_e, cov_ne] = self.sigma.as_ref()?;
         Ellipse::new(*sd_n.get(k)?, *sd_e.get(k)?, *cov_ne.get(k)?, sigmas)

@@ -17,7 +17,7 @@ const COLUMNS: usize = 8;
 struct Calibrations {
     /// The axis.
     axis: String,
-    /// Whether the axis selects the rows of a fit; otherwise it is another parameter.
+    /// Whether the axis selects the rows that a model is fitted to; otherwise the axis is another parameter.
     of_rows: bool,
     /// Points of these models in the table; if there are too many points, an evenly spaced selection.
     members: Vec<usize>,
@@ -28,7 +28,7 @@ struct Calibrations {
 /// The coefficients of some models with the same terms.
 struct ModelCoefficients {
     terms: Vec<String>,
-    /// The value of the axis, and a coefficient for each term.
+    /// For each model, the value of the axis, and a coefficient for each term.
     models: Vec<(String, Vec<f64>)>,
 }
 
@@ -38,8 +38,9 @@ const MEMBERS: usize = 200;
 /// Maximum number of tables of models that are shown.
 const TABLES: usize = 4;
 
-/// The variation of coefficients in each table of models that are fitted to different rows, such as several
-/// calibrations. Without such a table, the variation of `fit` over any axis is shown. `None` without comparable models.
+/// The variation of coefficients in each table whose models are fitted to different rows, for example to several
+/// calibrations. If there is no such table, the variation of the models of `fit` over any axis is shown. `None` without
+/// comparable models.
 ///
 /// # Errors
 /// Fails if the store is damaged.

@@ -1,4 +1,4 @@
-//! Whiteness of a filter's innovations, and their size relative to its prediction.
+//! Whiteness of a filter's innovations, and their size relative to the size that the filter predicts.
 
 use figures::chart::{ChartAxis, ChartBand, ChartLine, LineChart};
 use maud::{Markup, html};
@@ -22,7 +22,7 @@ const LAGS: usize = 80;
 /// The height of both plots.
 const HEIGHT: f64 = 250.0;
 
-/// The figure of one line at the point `place`; `None` without innovations.
+/// The plots of one line, with the title `place`; `None` without innovations.
 pub fn plot(line_tracks: &LineTracks, place: &str) -> Option<Markup> {
     let found = normalised(line_tracks)?;
     let parts: Vec<Markup> =
@@ -63,7 +63,7 @@ fn normalised(line_tracks: &LineTracks) -> Option<NormalisedInnovations> {
     })
 }
 
-/// Lags from one update to `last`: first consecutive, then increasingly far apart.
+/// Lags from 1 to `last`, in updates: first consecutive, then increasingly far apart.
 fn lags(last: usize) -> Vec<usize> {
     let spread = |k: usize| (last as f64).powf(k as f64 / LAGS as f64).round() as usize;
     let mut lags: Vec<usize> = (0..=LAGS).map(spread).chain(1..=COUNTED.min(last)).collect();
@@ -128,8 +128,8 @@ impl NormalisedInnovations {
             title: "NIS".into(),
             caption,
             x: time_axis(),
-            // A mean near its expected value needs no logarithmic axis; other means are not visible without a
-            // logarithmic axis.
+            // Means near the expected value need no logarithmic axis. If some means are much larger, the other means
+            // and the band are visible only on a logarithmic axis.
             y: ChartAxis { log: largest > 4.0 * high, ..ChartAxis::new("mean NIS") },
             lines: vec![ChartLine { name: format!("mean over {window} updates"), class: "after", points }],
             levels: vec![("95 % band".into(), low), (String::new(), high)],
@@ -196,8 +196,8 @@ mod tests {
             let (points, band) = (&chart.lines[0].points, &chart.bands[0].points);
             points.iter().zip(band).filter(within).count() as f64 / points.len() as f64
         };
-        // For about 90 lags the expected share is 95 % with a standard deviation of 2 %. A decay of 0.9 is visible for
-        // 40 samples, half of the lags of a logarithmic axis.
+        // For about 90 lags the expected share is 95 % with a standard deviation of 2 %. With a decay of 0.9 the
+        // correlation is visible up to a lag of 40 samples, which is half of the lags plotted on a logarithmic axis.
         assert!(share(0.0) > 0.88, "{}", share(0.0));
         assert!(share(0.9) < 0.6, "{}", share(0.9));
     }

@@ -1,4 +1,4 @@
-//! DataFusion's errors, with the existing tables and columns.
+//! DataFusion's errors as faults that list the existing tables and columns.
 
 use datafusion::{
     common::{SchemaError, TableReference},

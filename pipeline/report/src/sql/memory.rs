@@ -45,12 +45,12 @@ pub fn shown(bytes: usize) -> String {
     if bytes >= KB * KB * KB { of(KB * KB * KB, "GB") } else { of(KB * KB, "MB") }
 }
 
-/// The message on a query that needs more than its limit, in bytes.
+/// The message for a query that needs more memory than `limit` bytes.
 pub fn exceeded(limit: usize) -> String {
     format!("the query exceeds its memory limit of {}", shown(limit))
 }
 
-/// The fault of a query that needs more than its limit, in bytes.
+/// The fault for a query that needs more memory than `limit` bytes.
 pub fn fault(limit: usize) -> Fault {
     Fault::machine(exceeded(limit))
         .help("increase `--memory-limit`, or select fewer rows with WHERE or LIMIT, or fewer columns")

@@ -16,7 +16,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
     match statement {
         Statement::Statement(sql) => match sql.as_ref() {
             Sql::Query(query) => deep::check(query, deep::QUERY),
-            // DataFusion turns these into queries of its internal tables.
+            // DataFusion turns these statements into queries of its internal tables.
             Sql::ExplainTable { .. }
             | Sql::ShowTables { .. }
             | Sql::ShowColumns { .. }
@@ -35,7 +35,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
     }
 }
 
-/// Rejects a plan with a part, at any depth, that does more than read.
+/// Rejects a plan if any part, at any depth, does more than read.
 ///
 /// # Errors
 /// Fails with the reason why the part is rejected.
@@ -49,7 +49,7 @@ pub fn plan(plan: &LogicalPlan) -> Result<(), Fault> {
     found.map_or(Ok(()), |what| Err(refused(&what)))
 }
 
-/// Action of a part of a plan, if it does more than read.
+/// Name of the action of a part of a plan; `None` if the part only reads.
 fn does(part: &LogicalPlan) -> Option<String> {
     match part {
         LogicalPlan::Ddl(x) => Some(x.name().to_owned()),
@@ -80,7 +80,7 @@ fn does(part: &LogicalPlan) -> Option<String> {
     }
 }
 
-/// Fault of a rejected statement that begins with `text`.
+/// Fault for a rejected statement that begins with `text`.
 fn refused(text: &str) -> Fault {
     const KINDS: [&str; 4] = ["CREATE", "DROP", "ALTER", "EXPLAIN"];
     let words: Vec<&str> = text.split_whitespace().take(3).collect();

@@ -73,7 +73,7 @@ impl std::fmt::Debug for ScanSource {
 struct LogicalUnits {
     /// One row per unit.
     units: RecordBatch,
-    /// Number of stages upstream of each column, by pattern.
+    /// For each pattern, the number of steps upstream to the table that holds each column.
     patterns: Vec<BTreeMap<String, usize>>,
 }
 
@@ -145,8 +145,8 @@ impl PublishedTableProvider {
         self.source.read(ScanPiece::Group(group), &self.projection(names)?)
     }
 
-    /// Columns with a single value in each part of the table, one row per part. A part is a unit or a row group, which
-    /// queries read or skip as a whole.
+    /// The columns that have a single value in each part of the table, with one row per part. A part is a unit or a row
+    /// group, which queries read or skip as a whole.
     pub(crate) fn parts(&self) -> Result<RecordBatch, Fault> {
         let of_units = |logical: &LogicalUnits, field: &Field| {
             let values = logical.of_units(field.name())?.clone();
@@ -240,7 +240,7 @@ impl ScanSource {
         }
     }
 
-    /// The columns of `schema` of one piece.
+    /// The columns of `schema`, read from one piece.
     fn read(&self, piece: ScanPiece, schema: &SchemaRef) -> Result<RecordBatch, Fault> {
         let (columns, rows) = match piece {
             ScanPiece::Group(i) => (self.group(i, schema)?, self.rows(piece)),
@@ -322,7 +322,7 @@ impl RowGroupStatistics<'_> {
         StatisticsConverter::try_new(&column.name, &self.0.stored, self.0.files.first()?.parquet_schema()).ok()
     }
 
-    /// The value of a column in each row group, if the column has a single value and no null in each of them.
+    /// The value of a column in each row group, if the column has a single value and no null in every row group.
     fn single_values(&self, name: &str) -> Option<ArrayRef> {
         let column = Column::from_name(name);
         let (least, most) = (self.min_values(&column)?, self.max_values(&column)?);

@@ -112,9 +112,9 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins
     Ok(known)
 }
 
-/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part:
-/// flight, line and axes. A part is a unit or a row group, which queries read or skip as a whole. Returns no columns
-/// for an unknown table.
+/// The columns that have a single value in each part of the published table `table`, given as `pipeline.table`: flight,
+/// line and axes. The result has one row per part. A part is a unit or a row group, which queries read or skip as a
+/// whole. Returns no columns for an unknown table.
 ///
 /// # Errors
 /// Fails if the store or the table cannot be read.
@@ -129,7 +129,7 @@ pub fn parts(root: &Path, table: &str) -> Result<RecordBatch, Fault> {
     PublishedTableProvider::open(&Arc::new(PackReader::open(&root)?), &version, listed)?.parts()
 }
 
-/// The version of a pipeline that was current at an earlier moment.
+/// The version of a pipeline with this number and checksum, which was current at an earlier moment.
 fn pinned(root: &Path, pipeline: &str, (number, sum): &(u64, String)) -> Result<Version, Fault> {
     let version = Version::open(&root.join("versions").join(pipeline).join(number.to_string()));
     version.filter(|version| version.manifest.sum() == sum).ok_or_else(|| {

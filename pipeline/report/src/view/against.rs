@@ -30,7 +30,7 @@ use crate::html::{is_current, metric_json};
 
 /// Maximum number of values of each run.
 const MOST_CELLS: usize = 400_000;
-/// Maximum number of rows of a table of scores whose lines are compared.
+/// Lines are compared only if the table of scores has at most this number of rows.
 const MOST_ROWS: usize = 1_000_000;
 /// Maximum length of the list of points that only one run has, and of a list of lines.
 const LISTED: usize = 20;
@@ -39,7 +39,7 @@ const LISTED_LINES: usize = 3;
 /// Axis values of a point, in the order of the compared axes.
 type PointKey = Vec<String>;
 
-/// Position of a point among the points of a run, and position of a metric among the names of both runs.
+/// Position of a point among the points of a run, and position of a metric among the metric names of both runs.
 type CellKey = (usize, u32);
 
 /// Rows of one value.
@@ -78,7 +78,7 @@ struct ComparedRun {
     snapshot: Snapshot,
     axes: Vec<String>,
     points: Vec<PointKey>,
-    /// Whether a point has flagged lines.
+    /// Whether each point has flagged lines.
     flagged: Vec<bool>,
     cells: HashMap<CellKey, RunCell>,
     /// `None` if there are too many rows.
@@ -202,14 +202,14 @@ fn counted<'a>(rows: Option<&'a CellRows>, side: &RunCell) -> impl Iterator<Item
     rows.into_iter().flatten().filter(move |row| row.in_sample == in_sample)
 }
 
-/// The words of a column.
+/// The values of a column as text.
 fn words(batch: &RecordBatch, name: &str) -> Result<Vec<String>, Fault> {
     let mut known = Words::default();
     let at = texts(batch, name, &mut known)?;
     Ok(at.into_iter().map(|at| known.words[at as usize].clone()).collect())
 }
 
-/// Adds the confidence intervals of a table of `summary` with the same axes.
+/// Adds the confidence intervals from a table of `summary` if it has the same axes.
 fn add_intervals(
     table: &ViewTable,
     axes: &[String],
@@ -253,7 +253,7 @@ struct RunComparison<'a> {
     only: [Vec<PointKey>; 2],
     /// Lines with other data.
     changed: BTreeSet<String>,
-    /// Difference of the stage that scores.
+    /// Difference between the two runs in the stage that computes the scores.
     scoring: Option<String>,
 }
 

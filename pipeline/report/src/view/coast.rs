@@ -10,7 +10,7 @@ impl StoreView {
     /// Coastlines in a region as JSON: lists of alternating longitudes and latitudes, in degrees.
     ///
     /// # Errors
-    /// Fails for a region without extent, or for one of more than a full turn.
+    /// Fails for a region without extent, or wider than two full turns (720 degrees).
     pub fn coast(&self, region: GeographicRegion) -> Result<Value, ViewFault> {
         let GeographicRegion { west, east, south, north } = region;
         let is_region = west < east && east - west <= 720.0 && west.abs() <= 720.0 && south < north;

@@ -21,7 +21,7 @@ const MOST_VALUES: usize = 400_000;
 /// Maximum number of samples of a line.
 const MOST_ROWS: usize = 20_000_000;
 
-/// Columns of a position, and of the position of the INS.
+/// Columns of the position, and columns of the INS position.
 const POSITION: [&str; 2] = ["lat", "lon"];
 const INS: [&str; 2] = ["ins_lat", "ins_lon"];
 
@@ -64,7 +64,7 @@ pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedCo
     DerivedColumn::ALL.into_iter().filter(|column| fits(column) && field(column.about().name).is_none()).collect()
 }
 
-/// The nearest table upstream with true positions, for a table whose position is an estimate.
+/// For a table whose position is an estimate, the nearest table upstream that has the true position.
 fn truth_table(pipeline: &PublishedPipeline, table: &ViewTable) -> Option<Arc<ViewTable>> {
     let has_position = |table: &ViewTable, wanted: &str| {
         let role = |name: &str| {
@@ -171,7 +171,7 @@ impl StoreView {
     }
 }
 
-/// The point with the first value of each axis that `point` does not name.
+/// The point `point`, completed by the first value of each axis that it does not name.
 fn first_point(table: &ViewTable, point: &ViewPoint) -> Result<ViewPoint, ViewFault> {
     let mut full = point.clone();
     for axis in &table.index()?.axes {
@@ -261,7 +261,8 @@ impl LineReader<'_> {
         }
     }
 
-    /// A column of the table with the true positions, at the times of this table; NaN at times that it lacks.
+    /// A column of the table that has the true positions, at the times of this table; NaN at times that the other table
+    /// lacks.
     fn upstream(&self, name: &str) -> Result<Vec<f64>, ViewFault> {
         let missing = || Fault::machine(format!("the store no longer contains the true positions of `{name}`"));
         let table = truth_table(self.pipeline, self.table).ok_or_else(missing)?;
@@ -273,7 +274,7 @@ impl LineReader<'_> {
     }
 }
 
-/// Looks up values with ascending times `tt` at other times; NaN at times without a value.
+/// Values at the times `wanted`, looked up in `values` with the ascending times `tt`; NaN at times without a value.
 fn at_times(tt: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
     if tt == wanted {
         return values.to_vec();

@@ -19,7 +19,7 @@ const MOST_PIXELS: usize = 2000;
 const LEAST_SAMPLES: usize = 100;
 const MOST_SAMPLES: usize = 4000;
 
-/// Values of a map that a raster shows.
+/// Quantity of a map that a raster shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MapBand {
     /// The anomaly.
@@ -30,7 +30,7 @@ pub enum MapBand {
 }
 
 impl MapBand {
-    /// The name in an address.
+    /// The name of the band in a URL.
     pub fn name(self) -> &'static str {
         match self {
             MapBand::Anomaly => "anomaly",
@@ -38,7 +38,7 @@ impl MapBand {
         }
     }
 
-    /// The band of a name.
+    /// The band with this name.
     pub fn from_name(name: &str) -> Option<MapBand> {
         [MapBand::Anomaly, MapBand::Error].into_iter().find(|band| band.name() == name)
     }
@@ -46,7 +46,7 @@ impl MapBand {
     /// The nodes of this band; `None` if the map has none.
     fn of(self, mut map: AnomalyGrid) -> Option<AnomalyGrid> {
         if self == MapBand::Error {
-            // Resampling to latitude and longitude keeps only the anomaly.
+            // Resampling to latitude and longitude keeps only the anomaly, so the error takes its place.
             map.anomaly_nt = map.error_nt.take()?;
         }
         Some(map)
@@ -72,7 +72,7 @@ impl MapRaster {
         let mut sums = vec![(0.0f64, 0u32); width * height];
         let mut range = (f64::INFINITY, f64::NEG_INFINITY);
         for (row, line) in grid.values().chunks(columns).enumerate() {
-            // The grid begins in the south.
+            // The first row of the grid is the southernmost.
             let y = height - 1 - row * height / rows;
             for (column, value) in line.iter().enumerate().filter(|(_, v)| v.is_finite()) {
                 let cell = &mut sums[y * width + column * width / columns];
@@ -220,7 +220,7 @@ fn unit_of(columns: &Schema) -> Option<String> {
     columns.field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned())
 }
 
-/// A reason why a map cannot be drawn.
+/// Fault for a map that cannot be drawn, with the reason.
 fn undrawn(name: &str, why: &dyn std::fmt::Display) -> ViewFault {
     ViewFault::Wrong(Fault::data(format!("`{name}` cannot be drawn: {why}")))
 }

@@ -10,7 +10,8 @@ use super::{StoreView, ViewFault, ViewPoint, scores::numbers, table::ViewTable};
 use crate::html::LossCurve;
 
 impl StoreView {
-    /// Losses of the training of a model at a point, as JSON: pairs of epoch and loss. A model without epochs has none.
+    /// Losses of the training of a model at a point, as JSON: pairs of epoch and loss. The list is empty for a model
+    /// without epochs.
     ///
     /// # Errors
     /// Fails for an unknown or incomplete point, or for a table that is not a model. Also fails if the store is

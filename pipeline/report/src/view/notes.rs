@@ -94,7 +94,7 @@ pub struct NotedPoints {
     pub count: usize,
     /// Distinct values of each axis, in the order of the points.
     pub values: BTreeMap<String, Vec<String>>,
-    /// The column of the truth at the first point, if it is a parameter.
+    /// The column of the truth at the first point, if this column is a parameter of the table.
     pub truth: Option<String>,
     /// The values of each parameter.
     pub parameters: BTreeMap<String, NotedParameter>,
@@ -179,7 +179,7 @@ impl PipelineNotes {
         false
     }
 
-    /// The table of a name.
+    /// The table with this name.
     pub fn table(&self, name: &str) -> Option<&NotedTable> {
         self.tables.iter().find(|t| t.name == name)
     }
@@ -223,7 +223,7 @@ mod tests {
             );
         };
         check(text);
-        // Without repetitions, as plans are written today.
+        // The current format, in which each distinct value is stored once.
         let mut plan: Value = serde_json::from_str(text).unwrap();
         let points: SnapshotPoints = serde_json::from_value(plan["tables"][0]["points"].take()).unwrap();
         plan["tables"][0]["points"] = serde_json::to_value(points).unwrap();

@@ -56,7 +56,7 @@ pub(super) struct PooledCell {
 pub(super) struct PooledScores {
     /// Values of each axis.
     pub axes: Vec<Words>,
-    /// Positions of the axis values of each point.
+    /// For each point, the positions of its axis values in `axes`.
     pub points: Vec<Vec<u32>>,
     known: HashMap<Vec<u32>, usize>,
     /// Names of the metrics.
@@ -65,7 +65,7 @@ pub(super) struct PooledScores {
     pub cells: Vec<PooledCell>,
 }
 
-/// The flagged lines of each point. The map's value is `true` if the filter is wrong, and not only cautious.
+/// The flagged lines of each point. The value is `true` if the filter is wrong on the line, and not only cautious.
 pub(super) type FlaggedLines = HashMap<(usize, String, String), bool>;
 
 impl StoreView {
@@ -299,7 +299,7 @@ pub(super) fn flagged(
     Ok(found)
 }
 
-/// The scores of single lines: `metrics` of the points in `kept`.
+/// The scores of single lines: the metrics `metrics` at the points in `kept`.
 fn lines(
     table: &ViewTable,
     pooled: &PooledScores,

@@ -12,7 +12,7 @@ use crate::{
     sql::PublishedTableProvider,
 };
 
-/// Maximum number of known values that the error of a lookup lists.
+/// Maximum number of known values listed in the error for an unknown value.
 const LISTED: usize = 5;
 
 /// A published table, opened once per version.
@@ -26,7 +26,7 @@ pub struct ViewTable {
     index: OnceLock<Result<UnitIndex, Fault>>,
 }
 
-/// The values of one axis, and the position of the value of each unit.
+/// The values of one axis, and for each unit the position of its value.
 #[derive(Debug)]
 pub struct AxisIndex {
     /// Name.
@@ -36,7 +36,7 @@ pub struct AxisIndex {
     at: Vec<u32>,
 }
 
-/// Units of a table: runs of rows of one point and line.
+/// Units of a table: each is a run of rows of one point and line.
 #[derive(Debug)]
 pub struct UnitIndex {
     /// The axes.
@@ -91,7 +91,8 @@ fn is_same(own: &str, given: &str) -> bool {
     own == given || number(own).is_some_and(|own| number(given) == Some(own))
 }
 
-/// Positions of the values of a column among `words`. Equal neighbours are compared without conversion to text.
+/// Positions of the values of a column among `words`. A value that equals the value of the previous row is not
+/// converted to text.
 pub fn positions(array: &ArrayRef, words: &mut Words) -> Vec<u32> {
     let same = |row: usize| -> bool {
         if array.is_null(row) || array.is_null(row - 1) {
@@ -237,7 +238,7 @@ impl ViewTable {
         Ok(all.project(&own).map_err(|e| Fault::machine(e.to_string()))?)
     }
 
-    /// The column of a name, and the element if the name is one of a list's elements.
+    /// The column with this name; for a name such as `modes[2]`, the list column and the position of the element.
     ///
     /// # Errors
     /// Fails for an unknown column, or for a column without numbers.
