@@ -65,8 +65,8 @@ impl Warning {
     }
 }
 
-/// The warnings of all scores, fits, maps and other tables of whole surveys that `done` accepts: score tables in the
-/// plan's order, then fits, then maps and others, each in the order of the sweep and of the lines.
+/// The warnings of all units of scores, fits, maps and other survey stages that `done` accepts. Score tables come
+/// first, then fits, then maps, then other tables; each group is in the order of the plan, the sweep and the lines.
 ///
 /// # Errors
 /// Fails if the store cannot be read.
@@ -259,7 +259,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     found
 }
 
-/// The warning of one fit. All rows of the model contain the warning, which is reported once.
+/// The warning of one fit. Every row of the model contains the same warning; it is reported once.
 fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);
@@ -318,7 +318,7 @@ pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
-/// Positions of the warnings of each table of scores and kind, in this order; no group is empty.
+/// Positions of the warnings, grouped by table of scores and kind and sorted in this order; no group is empty.
 fn groups(warnings: &[Warning]) -> Vec<Vec<usize>> {
     let mut groups: BTreeMap<(&str, WarningKind), Vec<usize>> = BTreeMap::new();
     for (i, warning) in warnings.iter().enumerate() {
@@ -332,7 +332,7 @@ fn worst_of(warnings: &[Warning], group: &[usize]) -> Option<usize> {
     group.iter().copied().reduce(|a, b| if warnings[b].excess() > warnings[a].excess() { b } else { a })
 }
 
-/// Positions of the worst warning of each table of scores and kind.
+/// Position of the worst warning of each kind in each table of scores.
 pub fn worst(warnings: &[Warning]) -> Vec<usize> {
     groups(warnings).iter().filter_map(|group| worst_of(warnings, group)).collect()
 }
@@ -346,7 +346,7 @@ fn group_text(warnings: &[Warning], group: &[usize]) -> String {
         n => {
             let which = if worst.value.is_some() { "worst" } else { "first" };
             let what = worst.kind.of_many();
-            // The text common to the group is not repeated for its worst warning.
+            // The text that all warnings of the group share is not repeated for the worst one.
             let figures = worst.text.strip_prefix(what).and_then(|t| t.strip_prefix(": ")).unwrap_or(&worst.text);
             format!("{}: {what} at {n} places, {which}{place}: {figures}", worst.stage)
         }

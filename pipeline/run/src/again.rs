@@ -1,6 +1,6 @@
 //! Recomputation of stored results, to compare them bit by bit.
 //!
-//! An ordinary run recomputes the results from the same inputs. It runs in a copy of the store that lacks the results,
+//! An ordinary run recomputes the results from the same inputs. This run uses a copy of the store without the results,
 //! so the store itself does not change.
 
 use std::collections::HashSet;

@@ -2,8 +2,8 @@
 //!
 //! Ballista places tasks, detects lost workers and reassigns their tasks. All other cases are handled here. Nothing is
 //! dispatched while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
-//! failed job does not affect others. Failed tasks are dispatched again. If an answer is lost, its results are found in
-//! the store. `pipeline/CLUSTER.md` lists all cases.
+//! failed job does not affect others. Failed tasks are dispatched again. If an answer is lost, the results of its tasks
+//! are found in the store. `pipeline/CLUSTER.md` lists all cases.
 
 mod client;
 mod closed;
@@ -52,14 +52,14 @@ pub struct BallistaEngine {
     limits: DispatchLimits,
 }
 
-/// Limits of retries, unit time and waiting time for dispatched tasks.
+/// Limits for dispatched tasks: number of retries, time of a unit, and waiting time.
 #[derive(Clone, Copy, Debug)]
 pub struct DispatchLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// Maximum time of a unit.
     pub unit_timeout: Option<Duration>,
-    /// Maximum waiting time for a worker, or for a lost scheduler.
+    /// Maximum waiting time for a worker or for the scheduler.
     pub patience: Duration,
 }
 
@@ -141,7 +141,7 @@ async fn stop_signal() {
     }
 }
 
-/// Time since an observation, reset by the next observation.
+/// Timer that measures the time since the last observation.
 #[derive(Clone, Copy, Debug)]
 struct ObservationTimer(Instant);
 

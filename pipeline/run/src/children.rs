@@ -112,8 +112,8 @@ impl Drop for WorkerProcess {
 
 impl WorkerCommand {
     /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker. On return, `worker`
-    /// holds the last worker. The receipt is partial or `None` when this process receives a stop signal. A task that
-    /// the workers reject has a receipt with the reason.
+    /// holds the last worker. If this process receives a stop signal, the receipt is partial or `None`. A task that the
+    /// workers reject has a receipt with the reason.
     pub fn receipt(
         &self,
         worker: &mut Option<WorkerProcess>,
@@ -125,7 +125,7 @@ impl WorkerCommand {
             Err(e) => return Some(task.failure(&Fault::machine(e.to_string()))),
         };
         let wanted = task.wanted().count();
-        // After the first losses, each loss counts as an attempt at one or more units.
+        // Each loss of a worker, except for the first few, counts as an attempt at one or more units.
         let most = task.units.len().saturating_mul(self.retries + 1) + self.retries + 2;
         for loss in 0..most {
             if leash.is_stopped() {
@@ -140,7 +140,7 @@ impl WorkerCommand {
             let whole = |r: &Receipt| r.refused.is_some() || !r.ended && r.units.len() >= wanted;
             match answer {
                 Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
-                    // If a result is found after a loss, the lost worker had computed it.
+                    // A result that is found in the store after a loss was computed by the lost worker.
                     let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == UnitOutcome::Reused);
                     found.for_each(|a| a.outcome = UnitOutcome::Computed);
                     return Some(receipt);

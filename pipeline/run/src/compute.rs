@@ -91,7 +91,7 @@ pub fn compute(worker: &UnitWorker, table: usize, task: &Task, on_outcome: &Outc
     task.receipt(pending.iter().filter_map(answer).collect())
 }
 
-/// Pack of a task whose units all have results or lasting failures.
+/// Name of the pack of a task whose units all have results or lasting failures.
 pub fn pack_of(cut: &TableAssembler, table: usize, part: bool, units: &[&TaskUnit]) -> HashKey {
     let packed =
         |u: &&TaskUnit| PackedUnit { key: u.key, passthrough_hash: cut.passthrough_hash(u.unit(table)), rows: 0 };
@@ -103,7 +103,7 @@ fn name_of(cut: &TableAssembler, part: bool, units: &[PackedUnit]) -> HashKey {
     if part { HashKey::from_parts([b"part", id.as_ref()]) } else { id }
 }
 
-/// Writes the pack of a task with the new and the stored results. The rows in `made` are moved out.
+/// Writes the pack of a task with the new and the stored results. The rows in `made` are moved into the pack.
 fn write(
     worker: &UnitWorker,
     cut: &TableAssembler,
@@ -140,8 +140,8 @@ fn write(
             match &mut own.rows {
                 Ok(rows) => {
                     let whole = cut.rows(unit, rows, &mut held)?;
-                    // The pack now holds the rows. The schemas of the units are dropped, because they would use much
-                    // memory in a large sweep.
+                    // From here on, `whole` holds the rows. The schemas of the units are dropped, because they would
+                    // use much memory in a large sweep.
                     *rows = nothing.clone();
                     NewUnit { key, passthrough_hash, rows: Ok(whole), remarks }
                 }

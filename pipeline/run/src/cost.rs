@@ -63,9 +63,9 @@ pub struct RunCost {
     pub threads: usize,
     /// Speed of this machine relative to the reference machine, whose speed is 1.
     pub speed: f64,
-    /// Tables that runs in this store have measured.
+    /// Number of measurements of tables that runs have kept in this store.
     pub measured: usize,
-    /// Number of assumed trials of a search, which depend on unknown scores.
+    /// Number of trials of a search that are only assumed, because they depend on unknown scores.
     pub assumed: usize,
 }
 
@@ -96,8 +96,8 @@ impl RunCost {
     }
 }
 
-/// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes reading the sources,
-/// which is complete when a graph exists. For a search, the cost covers the trials of the plan;
+/// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes the reading of the
+/// sources, because a graph exists only after they are read. For a search, the cost covers the trials of the plan;
 /// [`crate::plan_all_trials`] adds the missing trials.
 ///
 /// # Errors

@@ -48,7 +48,7 @@ impl<'a> TableAssembler<'a> {
             let makers: Vec<&Column> =
                 yields.iter().filter_map(|y| y.columns.iter().find(|c| c.name == column.name)).collect();
             let identifier = KEYS.contains(&column.name.as_str());
-            // Results that are recomputed on demand have no file to read.
+            // Results that are recomputed on demand are in no file from which the column could be read.
             let unkept = makers.is_empty()
                 && node.examples(&plan.spec).any(|i| {
                     let made_by = graph.origin(TableRef::Stage(table, i), &column.name).made_by;
@@ -84,7 +84,8 @@ impl<'a> TableAssembler<'a> {
     pub fn bytes(&self, unit: PlanUnit) -> usize {
         /// Assumed number of rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
-        /// Assumed number of rows of a map, large enough for a separate chunk. The true size depends on the data.
+        /// Assumed number of rows of a map, so large that each map gets a separate chunk. The true size depends on the
+        /// data.
         const MAP_ROWS: usize = 1 << 20;
         let node = &self.graph.plan.tables[self.table];
         let rows = match unit.line.filter(|_| !node.is_small()) {
@@ -100,12 +101,12 @@ impl<'a> TableAssembler<'a> {
         rows * row_bytes(&self.schema)
     }
 
-    /// Whether one of the lines from which a unit's rows were computed is in sample; `None` for tables without scores.
+    /// Whether a unit's rows were computed from an in-sample line; `None` for tables without scores.
     fn in_sample(&self, unit: PlanUnit) -> Option<bool> {
         self.in_sample.as_ref().map(|column| column.lines(unit).0 > 0)
     }
 
-    /// Hash of the columns of a unit's rows that its stage did not make.
+    /// Hash of those columns of a unit that the unit's stage did not make.
     pub fn passthrough_hash(&self, unit: PlanUnit) -> u64 {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -127,7 +128,7 @@ impl<'a> TableAssembler<'a> {
         u64::from_le_bytes(bytes)
     }
 
-    /// Rows of a unit as in a file, from `made`, the columns that its stage made.
+    /// Rows of a unit as they are written to a file. `made` holds the columns that the unit's stage made.
     ///
     /// # Errors
     /// Fails if the carried columns cannot be read.
@@ -207,7 +208,7 @@ impl<'a> TableAssembler<'a> {
     }
 }
 
-/// Field of a column that may have several types at the points of a sweep: lists of different lengths.
+/// Field of a column whose type may differ between the points of a sweep: lists of different lengths.
 ///
 /// # Errors
 /// Fails if the types are of different kinds.

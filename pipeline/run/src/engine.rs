@@ -14,7 +14,7 @@ use super::{
 /// Callback for the outcome of each unit, called from any thread.
 pub type OutcomeCallback<'a> = dyn Fn(PlanUnit, UnitOutcome, Option<&Fault>) + Sync + 'a;
 
-/// Tasks of one table, independent of each other's results.
+/// Tasks of one table; no task depends on the results of another.
 pub struct TaskWave<'a> {
     /// Plan, store and stages in this process.
     pub worker: &'a UnitWorker<'a>,
@@ -40,7 +40,7 @@ impl TaskWave<'_> {
     }
 }
 
-/// Capacity of an engine, for the choice of task sizes.
+/// Capacity of an engine, from which the sizes of tasks follow.
 #[derive(Clone, Copy, Debug)]
 pub struct EngineCapacity {
     /// Overhead of a task, in seconds.
@@ -49,15 +49,15 @@ pub struct EngineCapacity {
     pub at_once: usize,
 }
 
-/// Maximum overhead of the division into tasks, as a fraction of the work.
+/// Maximum overhead caused by the division into tasks, as a fraction of the work.
 const MAX_OVERHEAD: f64 = 0.05;
 /// Maximum number of units of a task. All of these units are lost if their worker is lost.
 const MOST_UNITS: usize = 4096;
 
 impl EngineCapacity {
-    /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. The overhead of the task is
-    /// then 5 % of its time. With less work, the wave is divided into as many tasks as the engine can compute at a
-    /// time, unless the overhead of a task would then exceed its work.
+    /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. With this number, the overhead
+    /// of a task is 5 % of its work. A wave with too little work for such tasks is divided into as many tasks as the
+    /// engine can compute at a time, unless the overhead of a task would then exceed its work.
     pub fn units(self, units: usize, unit_s: f64) -> usize {
         let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
         let enough = of(self.task_s / MAX_OVERHEAD);
@@ -79,7 +79,7 @@ pub trait TaskEngine: Sync {
     fn pace(&self) -> EngineCapacity;
 
     /// Computes the tasks of a wave and returns their receipts in the same order; `None` for a task that an interrupt
-    /// skips. A lost unit also has an answer: a fault of the machine.
+    /// skips. A unit whose worker was lost also has an answer: a fault of the machine.
     fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>>;
 }
 
@@ -105,7 +105,7 @@ impl TaskEngine for LocalEngine {
     }
 }
 
-/// Builds the data that all lines of these tasks share, each once.
+/// Builds, only once, the data that all lines of these tasks share.
 pub fn prepare(worker: &UnitWorker, table: usize, tasks: &[Task]) {
     if worker.grain(table) != Grain::Map {
         let to_do = tasks.iter().flat_map(Task::wanted);
@@ -129,7 +129,7 @@ mod tests {
                         relative_overhead(n) <= MAX_OVERHEAD || few || n == MOST_UNITS,
                         "{task_s} {unit_s} {at_once} {units}: {n}"
                     );
-                    // The task is not larger than needed.
+                    // A task with one unit fewer would have too large an overhead.
                     assert!(
                         n == 1 || relative_overhead(n - 1) > MAX_OVERHEAD,
                         "{task_s} {unit_s} {at_once} {units}: {n}"

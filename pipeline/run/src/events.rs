@@ -102,7 +102,7 @@ pub enum Event<'a> {
         /// Progress in a few words.
         progress: &'a str,
     },
-    /// Start or end of a wait for a component.
+    /// Start or end of a wait for a component, such as a worker.
     Waiting {
         /// Reason for waiting, in a few words; `None` when the run resumes.
         what: Option<&'a str>,
@@ -122,7 +122,7 @@ pub enum Event<'a> {
     },
     /// Start of trials of a search.
     Searching {
-        /// Trials of this generation at this rung.
+        /// Trials of one generation at one rung.
         rows: &'a [SearchTrial],
         /// Number of trials of the whole search.
         trials: usize,

@@ -31,12 +31,12 @@ pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<War
     (failed.into_iter().map(failure).collect(), others)
 }
 
-/// Failures in the form that is reported. A mistake in several lines of a file gives one message with the number of
-/// lines.
+/// Failures in the form that is reported. A mistake that occurs in several lines of a file is reported once, with the
+/// number of lines.
 pub fn deduplicated(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
     let mistake = |f: &Failure| -> Option<(String, String, String)> {
-        // Only faults of a source are merged; stages fail separately.
+        // Only faults of a source are merged; each fault of a stage is reported.
         let file = f.fault.place.file.clone()?;
         Some((file, f.fault.place.column.clone()?, shape(f)))
     };

@@ -26,8 +26,8 @@ impl<'a> LineColumnCache<'a> {
         LineColumnCache { worker, graph: worker.graph(), columns: HashMap::new(), bytes: 0 }
     }
 
-    /// Reads the columns `names` of one line of `r`, each from the object that holds it. Skips columns that the line
-    /// lacks.
+    /// Reads the columns `names` of one line of the table `r`, each from the object that holds the column. Skips
+    /// columns that the line lacks.
     ///
     /// # Errors
     /// Fails if the store cannot be read.
@@ -55,7 +55,8 @@ impl<'a> LineColumnCache<'a> {
             let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
             let field = described(&name).map(schemas::Column::field);
             let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
-            // A file contains lists of different lengths if they differ between the points of a sweep.
+            // If the length of the lists differs between the points of a sweep, the file stores lists of variable
+            // length.
             arrays.push(match (array.data_type(), field.data_type()) {
                 (DataType::List(_), fixed @ DataType::FixedSizeList(..)) => {
                     cast(array, fixed).map_err(|f| f.in_column(&name))?
@@ -123,7 +124,7 @@ struct ColumnRequest {
     column: String,
 }
 
-/// Adds a column of NaN or null for each of `columns` that the batch lacks; the result is in the order of `columns`.
+/// Adds each of `columns` that the batch lacks, filled with NaN or null; the result is in the order of `columns`.
 ///
 /// # Errors
 /// Fails if Arrow rejects the columns.

@@ -2,8 +2,8 @@
 //!
 //! The units have one order, given by the plan and the lines, and are divided into chunks of similar size. A chunk is
 //! computed together and becomes one pack. The packs of a run thus do not depend on threads, on time or on the progress
-//! of an earlier run that was killed. A growing sweep writes packs for the new units. When there are many packs, they
-//! are merged, as by `compact`.
+//! of an earlier run that was killed. A growing sweep writes packs for the new units. When a table has too many packs,
+//! they are merged, as `compact` does.
 
 use std::{collections::HashMap, ops::Range};
 
@@ -15,8 +15,8 @@ use super::cut::TableAssembler;
 
 /// Size of a chunk in memory, in bytes.
 const CHUNK_BYTES: usize = 8 << 20;
-/// A chunk may exceed its size while it holds at most this number of points, all of one line, so that these points
-/// share the computations of the line.
+/// A chunk that holds at most this number of points, all of one line, may exceed this size, so that these points share
+/// the computations of the line.
 const POINTS_TOGETHER: usize = 8;
 
 /// Units of a table in the order of its rows, in chunks.
@@ -62,8 +62,8 @@ pub struct PackCover {
 }
 
 /// Finds packs whose units are all needed, without duplicates. For each unit of `layout` that was computed or has
-/// failed, `wanted` holds its pack entry, whose `rows` is ignored. With `strict`, a pack counts only if it is a
-/// whole chunk.
+/// failed, `wanted` holds its pack entry; the field `rows` of the entry is ignored. With `strict`, a pack counts only
+/// if it is a whole chunk.
 pub fn cover(
     catalogue: &PackCatalogue,
     kind: HashKey,
@@ -82,7 +82,7 @@ pub fn cover(
         let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
         let (first, last) = (places[0], places[places.len() - 1]);
         let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
-        // Units without rows are excluded from the chunk.
+        // Units without a pack entry are excluded from the chunk.
         let exact = chunk.is_some_and(|c| {
             c.contains(&last) && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
         });
@@ -128,7 +128,8 @@ mod tests {
         catalogue
     }
 
-    /// Returns the first units of the packs that cover six units in chunks of three, and the number of covered units.
+    /// Covers six units, in chunks of three, by these packs. Returns the first unit of each chosen pack, and the number
+    /// of covered units.
     fn covered(packs: &[&[usize]], strict: bool) -> (Vec<usize>, usize) {
         let unit = |instance| PlanUnit { table: 0, instance, line: None };
         let layout = TableLayout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };
@@ -145,7 +146,7 @@ mod tests {
     #[test]
     fn unit_cover_uses_only_fully_needed_packs_without_duplicate_units() {
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5]], true), (vec![0, 3], 6));
-        // Whole chunks come first; packs that overlap them are skipped.
+        // Packs that are whole chunks are chosen first; packs that overlap them are skipped.
         assert_eq!(covered(&[&[0, 1, 2, 3], &[0, 1, 2], &[3, 4], &[5]], false), (vec![0, 3, 5], 6));
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4], &[5]], true), (vec![0], 3));
         // A pack with a unit that is no longer needed does not belong to this table.

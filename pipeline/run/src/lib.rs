@@ -63,7 +63,7 @@ pub struct RunSummary {
     pub tables: Vec<(String, OutcomeCounts)>,
     /// Failures, in a fixed order.
     pub failures: Vec<Failure>,
-    /// Number of findings in the data: rows of the table `quality`.
+    /// Number of findings about the quality of the data, which are the rows of the table `quality`.
     pub quality: usize,
     /// Number of lines with findings.
     pub quality_lines: usize,
@@ -83,7 +83,7 @@ pub struct RunSummary {
     pub interrupted: bool,
     /// Folder of the tables.
     pub folder: std::path::PathBuf,
-    /// Tables that were not requested and are unchanged.
+    /// Tables that were not requested and stay unchanged.
     pub left: Vec<String>,
     /// Outcomes of the recomputation of stored tables.
     pub compared: Vec<TableComparison>,
@@ -166,7 +166,7 @@ fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn L
 }
 
 /// Hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every
-/// table. It is independent of comments in the spec, the number of threads and the contents of the store.
+/// table. It does not depend on comments in the spec, the number of threads or the contents of the store.
 pub fn run_id(graph: &PlanGraph) -> String {
     let spec = &graph.plan.spec;
     let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];

@@ -13,11 +13,11 @@ use super::{
 pub struct TaskList {
     /// Tasks, in the plan's order.
     pub tasks: Vec<Task>,
-    /// Number of units in these tasks, for each table that has any units in them.
+    /// Number of units in these tasks, for each table that occurs in them.
     pub units: Vec<(String, usize)>,
     /// Number of units that wait for others, or cannot be computed.
     pub skipped: usize,
-    /// Number of units that are not retried, because too many attempts failed on account of the machine.
+    /// Number of units that are not retried, because too many attempts failed for reasons of the machine.
     pub given_up: usize,
 }
 

@@ -1,9 +1,10 @@
-//! Origin of each row of a table's full, logical form: the units that contain its columns.
+//! Logical table: a published table completed by the columns that pass through its stage. This module finds, for each
+//! row, the units that contain these columns.
 //!
-//! A published table holds the keys and the columns that its stage made. A column that passes through is in the unit
-//! of an ancestor table, with the same rows. The number of steps to the ancestor is counted along the chain of first
-//! inputs. This file has one row per unit, with the keys of the units on its chain. Its metadata give the number of
-//! steps to each column, once per occurring pattern.
+//! A published table holds the keys and the columns that its stage made. A column that passes through is in a unit of
+//! an ancestor table, which has the same rows. The number of steps to the ancestor is counted along the chain of first
+//! inputs. The file of the logical table has one row per unit, with the keys of the units on the unit's chain. A
+//! pattern is the number of steps to each column; the metadata of the file hold each distinct pattern once.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -24,7 +25,7 @@ use super::{
     layout::TableLayout,
 };
 
-/// Columns of a logical table: axes, then all columns that its stage makes or passes through.
+/// Columns of a logical table: the axes, then all columns that the table's stage makes or passes through.
 ///
 /// # Errors
 /// Fails if the types of a column at different sweep points do not fit one table.
@@ -43,7 +44,7 @@ pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     Ok(Arc::new(Schema::new(fields)))
 }
 
-/// Point of a table, followed by its ancestors through first inputs.
+/// Point of a table, followed by its first input, the first input of that input, and so on.
 fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
     let mut chain = vec![TableRef::Stage(t, instance)];
     while let Some(TableRef::Stage(t, i)) = chain.last().copied() {
@@ -70,8 +71,8 @@ fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
 }
 
-/// Patterns in the order of their first occurrence. A sweep of a parameter may give each point a different shape, but
-/// most of these shapes have the same pattern.
+/// Patterns in the order of their first occurrence. In a sweep, the columns may differ in shape from point to point,
+/// but most of these shapes have the same pattern.
 #[derive(Default)]
 struct DistinctPatterns {
     all: Vec<BTreeMap<String, usize>>,
@@ -154,7 +155,7 @@ pub fn write(
         } else {
             arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))?
         });
-        // The columns of a unit may have the name of an axis.
+        // The prefix is needed because a column of a unit may have the name of an axis.
         fields.push(field(&format!("axis {}", axis.name), kind, "", Role::Key, "axis of the sweep"));
     }
     for step in 0..depth {

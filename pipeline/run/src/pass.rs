@@ -176,7 +176,7 @@ impl<'a> GraphPass<'a> {
                 runner.seconds.push((0, 0.0));
                 continue;
             }
-            // This process cannot measure the resources of other processes.
+            // Only local computation is measured: this process cannot measure the resources of other processes.
             let before = if engine.is_local() { watch.table(t) } else { None };
             let started = Instant::now();
             let (count, found) = runner.table(t);
@@ -239,7 +239,7 @@ impl<'a> GraphPass<'a> {
     ) -> Result<(), Fault> {
         let (graph, store, plan) = (self.graph, self.store, self.graph.plan);
         let left = &computed.targets.left;
-        // Tables that were not requested and their pooled scores stay unchanged.
+        // Tables that were not requested stay unchanged, and so do their pooled scores.
         let before = if left.is_empty() { None } else { pooled::written(plan, store)? };
         let unchanged = before.into_iter().flatten().filter(|p| left.contains(&p.table));
         let pooled: Vec<PooledMetric> = judged.pooled.iter().cloned().chain(unchanged).collect();

@@ -32,7 +32,7 @@ pub struct Publication<'a> {
     pub run: &'a str,
     /// Packs of each table.
     pub packs: &'a [Vec<HashKey>],
-    /// Tables that stay as in the previous version.
+    /// Tables that stay unchanged from the previous version.
     pub left: &'a [usize],
     /// Whether a unit is available.
     pub there: &'a (dyn Fn(PlanUnit) -> bool + Sync),
@@ -227,8 +227,8 @@ fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
     arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))
 }
 
-/// Writes a reserved table: the axes of the whole sweep (null where a row has no value), then `columns`, each with
-/// name, values and meaning. An axis takes precedence over a column of the same name.
+/// Writes a reserved table. Its columns are the axes of the whole sweep (null where a row has no value), followed by
+/// `columns`, each given by name, values and meaning. An axis takes precedence over a column of the same name.
 fn write_reserved_table(
     plan: &Plan,
     store: &Store,

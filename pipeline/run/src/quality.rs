@@ -9,7 +9,7 @@ use plan::{PlanGraph, sources::LineRecord};
 use schemas::{Fault, Role, field};
 use store::{ExtraTable, Store};
 
-/// Row: the table of flights, the line, and the finding.
+/// Row of the table: the name of the table of flights, the line, and the finding.
 type QualityFindingRow<'a> = (&'a str, &'a LineRecord, &'a Finding);
 
 fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {

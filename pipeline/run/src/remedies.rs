@@ -31,7 +31,7 @@ pub(super) fn try_remedies(
     if found.is_empty() {
         return Ok(());
     }
-    // A damaged table of the last run has no causes to keep; this run writes it again.
+    // If the table of the last run is damaged, no causes are kept; this run writes the table again.
     let written = warnings::written(graph.plan, store).ok().flatten().unwrap_or_default();
     let mut tried = TriedRemedies { graph, store, results: HashMap::new() };
     for i in warnings::worst(found) {
@@ -92,8 +92,8 @@ struct TriedRemedies<'a> {
 }
 
 impl TriedRemedies<'_> {
-    /// The first remedy that removes all flags of the warning's line, else the first that improves the line; with the
-    /// figures of its trial.
+    /// The first remedy that removes all flags of the warning's line or, if none does, the first that improves the
+    /// line. The figures of its trial are part of the text.
     fn improvement(
         &mut self,
         flagged: &FlaggedLine,
@@ -167,7 +167,7 @@ fn apply(remedy: &Remedy, decl: &mut StageDecl) {
     }
 }
 
-/// Metrics of a line of `plan`, without writing; `None` if they cannot be computed.
+/// Metrics of a line of `plan`, computed without writing to the store; `None` if they cannot be computed.
 fn scored(plan: &Plan, store: &Store, scores: &str, line: &(String, String)) -> Option<LineMetrics> {
     let graph = PlanGraph::new(plan, store, &|_, _| {}).ok()?;
     let line = graph.lines.binary_search(line).ok()?;

@@ -30,7 +30,7 @@ use super::{
 pub struct WorkerLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// Maximum time of a unit. The limit of a group of units is the sum of their limits.
+    /// Maximum time of a unit. The limit of a group of units is the sum of the limits of its units.
     pub unit_timeout: Option<Duration>,
 }
 
@@ -39,7 +39,7 @@ pub struct WorkerLimits {
 pub struct WorkerTally {
     /// Number of rejected tasks.
     pub refused: usize,
-    /// Number of units without an answer or with a fault that may be temporary.
+    /// Number of units that have no answer, or a fault that may be temporary.
     pub unanswered: usize,
 }
 
@@ -291,7 +291,7 @@ fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOn
     })
 }
 
-/// Table of a task whose units all match the plan.
+/// Checks that all units of a task match the plan, and returns the task's table.
 fn checked(graph: &PlanGraph, task: &Task) -> Result<usize, Fault> {
     let table = graph.plan.table(&task.table)?;
     let node = &graph.plan.tables[table];

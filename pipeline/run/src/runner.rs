@@ -27,11 +27,11 @@ pub(super) struct PlanRunner<'a> {
     pub(super) engine: &'a dyn TaskEngine,
     /// Worker in this process.
     pub(super) worker: &'a UnitWorker<'a>,
-    /// Plan in the store, if the engine needs a plan.
+    /// Hash of the plan in the store, if the engine needs a plan there.
     pub(super) recorded: Option<HashKey>,
     /// Whether other processes compute units.
     pub(super) is_remote: bool,
-    /// Attempts at units without an answer.
+    /// Earlier attempts at units that still have no answer.
     pub(super) attempts: HashMap<HashKey, UnitAttempts>,
     /// Expected times of units, loaded on first use.
     pub(super) rates: OnceCell<UnitTimeModel>,
@@ -44,7 +44,7 @@ pub(super) struct PlanRunner<'a> {
 }
 
 impl<'a> PlanRunner<'a> {
-    /// Runner for the tables of the worker's plan.
+    /// Creates a runner for the tables of the worker's plan.
     pub(super) fn new(
         worker: &'a UnitWorker<'a>,
         listener: &'a dyn Listener,
@@ -94,7 +94,7 @@ impl<'a> PlanRunner<'a> {
         self.record(unit, fault);
     }
 
-    /// Lists the lines that a survey stage skipped.
+    /// Adds to the failures the lines that a survey stage skipped.
     pub(super) fn left_out(&mut self, unit: PlanUnit, faults: Vec<Fault>) {
         let node = &self.graph.plan.tables[unit.table];
         let point = self.graph.plan.instance(unit.table, unit.instance).point();
@@ -104,7 +104,7 @@ impl<'a> PlanRunner<'a> {
         }));
     }
 
-    /// Lists the lines that a reused result skipped.
+    /// Adds to the failures the lines that were skipped when a reused result was computed.
     pub(super) fn report_skipped_lines(&mut self, unit: PlanUnit, key: HashKey) {
         if unit.line.is_some() {
             return;
@@ -125,8 +125,8 @@ impl<'a> PlanRunner<'a> {
         self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
     }
 
-    /// Whether a unit has failed too often to be retried. If units are computed in this process, only losses of workers
-    /// count.
+    /// Whether a unit has failed too often to be retried. If units are computed in this process, only the attempts that
+    /// ended with the loss of a worker count.
     pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
         let counted = if self.is_remote { tries.all() } else { tries.lost };
         counted > self.options.retries
@@ -139,7 +139,7 @@ impl<'a> PlanRunner<'a> {
         let missing = |(kind, r): &(InputKind, TableRef)| {
             let there = match (kind.is_by_line(), unit.line) {
                 _ if kind.is_record() => self.record_state(*r),
-                // A fit checks its lines one by one and skips failed ones.
+                // A survey stage such as a fit checks its lines one by one and skips failed lines.
                 (true, None) => self.survey_state(unit),
                 (true, line) => self.state(*r, line),
                 (false, _) => self.state(*r, None),
@@ -159,7 +159,7 @@ impl<'a> PlanRunner<'a> {
         *states.iter().find(|state| **state != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
-    /// Looks up whether a unit must be computed, is available, or cannot be computed.
+    /// Determines whether a unit is available, must be computed, or cannot be computed.
     pub(super) fn look(&self, unit: PlanUnit) -> UnitLookup {
         if let Some(r) = self.missing_input(unit) {
             return UnitLookup::Skip(r);
@@ -199,7 +199,7 @@ impl<'a> PlanRunner<'a> {
         *states.iter().find(|s| **s != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
-    /// State of a line; a failure in an ancestor counts as a failure, not as a missing line.
+    /// State of a line; if the line failed in an ancestor, it counts as failed, not as missing.
     fn root_state(&self, r: TableRef, line: LineId) -> UnitState {
         let own = self.state(r, Some(line));
         if own != UnitState::Missing {

@@ -98,7 +98,7 @@ struct EventRelayState {
     tables: BTreeMap<String, TableTotals>,
 }
 
-/// Total counts and time of a table over all passes.
+/// Outcomes of a table summed over all passes, and its total time.
 #[derive(Clone, Copy, Default)]
 struct TableTotals {
     count: OutcomeCounts,
@@ -114,12 +114,12 @@ impl<'a> EventRelay<'a> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Marks the next pass as the last pass.
+    /// Declares the next pass to be the last.
     fn last(&self) {
         self.state().last = true;
     }
 
-    /// Outcomes of each of these tables over all passes, and the time of these tables, in seconds.
+    /// For each of these tables, the outcomes over all passes and the total time, in seconds.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let state = self.state();
         let spent = |name: &str| state.tables.get(name).copied().unwrap_or_default();

@@ -62,7 +62,7 @@ impl TableProgress<'_> {
         self.known.iter().filter(|k| matches!(k, LayoutUnit::Pending(_))).count()
     }
 
-    /// Whether no pack contains the result.
+    /// Whether a stored result is in none of the packs of `cover`.
     fn lacks(&self, cover: &PackCover) -> bool {
         cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, LayoutUnit::There(_)))
     }
@@ -72,8 +72,8 @@ impl TableProgress<'_> {
         self.layout.chunks.len() <= 1 || compact
     }
 
-    /// Whether a result must be written again. With `whole`, it is rewritten together with the other results of its
-    /// chunk; otherwise only if no pack has the result in the required form.
+    /// Whether the stored result of the unit `i` must be written again. With `whole`, all stored results are written
+    /// again together with their chunk; otherwise, only those that no pack of `cover` contains.
     fn is_stale(&self, i: usize, cover: &PackCover, whole: bool) -> bool {
         matches!(self.known[i], LayoutUnit::There(_)) && (whole || !cover.covered[i])
     }
@@ -117,7 +117,7 @@ impl<'a> PlanRunner<'a> {
         after.packs
     }
 
-    /// Sorts the failures from `first` on by the order of the table's rows.
+    /// Sorts the failures, from the position `first` on, by the order of the table's rows.
     fn sort(&mut self, sheet: &TableProgress, first: usize) {
         let Some(new) = self.failures.get_mut(first..).filter(|new| new.len() > 1) else { return };
         let at: HashMap<PlanUnit, usize> = sheet.layout.units.iter().enumerate().map(|(i, unit)| (*unit, i)).collect();
@@ -154,8 +154,8 @@ impl<'a> PlanRunner<'a> {
         if scattered(found.packs.len(), sheet.layout.chunks.len()) { self.covering(sheet, true) } else { found }
     }
 
-    /// One task per chunk: the units to write and, with `compute`, the units to compute. Without `compute`, a chunk in
-    /// which an interrupt skipped units stays in parts until another run completes it.
+    /// One task per chunk, with the units to write and, if `compute` is true, the units to compute. If `compute` is
+    /// false, a chunk with units that an interrupt skipped stays in parts until another run completes it.
     fn tasks_here(&self, sheet: &TableProgress, cover: &PackCover, compute: bool) -> Vec<LayoutTask> {
         let whole = sheet.whole(self.options.compact);
         let pending = |i: usize| matches!(sheet.known[i], LayoutUnit::Pending(_));
@@ -204,8 +204,8 @@ impl<'a> PlanRunner<'a> {
         tasks
     }
 
-    /// Units of a chunk, one per key, in groups that share work. Survey units of a group use the same lines; other
-    /// units are ordered line by line.
+    /// Units of a chunk, one per key, in groups that share work. The survey units of a group use the same lines. Other
+    /// units are ordered by line.
     fn together(&self, sheet: &TableProgress, pending: &[usize]) -> Vec<Vec<usize>> {
         let mut seen = HashSet::new();
         let is_first = |i: &usize| matches!(sheet.known[*i], LayoutUnit::Pending(key) if seen.insert(key));
@@ -252,7 +252,7 @@ impl<'a> PlanRunner<'a> {
         LayoutTask { task: Task::new(plan, &self.graph.plan.tables[sheet.table].name, part, units), at }
     }
 
-    /// Unusable lines of a survey unit.
+    /// Lines of a survey unit that have failed.
     fn failed_lines(&self, unit: PlanUnit) -> Vec<LineId> {
         let lines = self.graph.lines_of(unit.table, unit.instance).iter().copied();
         lines.filter(|line| self.line_is_there(*line, unit) == UnitState::Failed).collect()
@@ -338,7 +338,8 @@ impl<'a> PlanRunner<'a> {
         self.record(unit, fault);
     }
 
-    /// Table whose results are not kept: each unit is computed on demand, if its inputs are available.
+    /// Sets the states of a table whose results are not kept: each unit is computed on demand if its inputs are
+    /// available.
     fn passed_over(&mut self, t: usize) {
         let units: Vec<PlanUnit> = self.graph.units(t).collect();
         for unit in units {

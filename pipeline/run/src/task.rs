@@ -27,7 +27,7 @@ pub struct Task {
     pub plan: Option<HashKey>,
     /// Name of the table.
     pub table: String,
-    /// Whether the result is a part of a file of the table, and not a whole file.
+    /// Whether the task makes only a part of a file of the table, not a whole file.
     #[serde(default, skip_serializing_if = "is_false")]
     pub part: bool,
     /// Units, in the order of the table's rows.
@@ -124,7 +124,7 @@ impl Task {
         Task { task: FORM, magline: VERSION.to_owned(), plan, table: table.to_owned(), part, units }
     }
 
-    /// Task with other units, as a part of a file.
+    /// The same task with other units, marked as a part of a file.
     pub fn part_of(&self, units: Vec<TaskUnit>) -> Task {
         Task { part: true, units, ..Task::new(self.plan, &self.table, true, vec![]) }
     }
@@ -160,7 +160,7 @@ impl Task {
         }
     }
 
-    /// Units whose results are not in the store.
+    /// Units to compute: their results are not in the store.
     pub fn wanted(&self) -> impl Iterator<Item = &TaskUnit> {
         self.units.iter().filter(|unit| !unit.have)
     }

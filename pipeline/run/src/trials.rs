@@ -1,4 +1,4 @@
-//! Goal of each trial of a search, from the scores in the store, and the trials that follow from the goals.
+//! Goals of the trials of a search, from the scores in the store, and the next trials, which follow from the goals.
 
 use arrow_array::{
     Array,
@@ -32,7 +32,7 @@ enum StoredUnitState {
 }
 
 /// Goals of the trials `rows`, which must be the trials of the plan of `graph`. `None` if a score of a trial is not
-/// computed yet; with `all` that counts as a failure.
+/// computed yet; with `all`, the trial counts as failed instead.
 ///
 /// A trial that lacks the scores of a line has no goal, because means over different lines are not comparable.
 /// Unreadable lines are excluded from all trials.
@@ -206,7 +206,7 @@ fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Stor
                 TableRef::Map(_) | TableRef::Flights(_) => StoredUnitState::There,
             },
             (true, None) => {
-                // A fit skips failed lines, unless all failed.
+                // A fit skips failed lines, unless all lines failed.
                 let lines = graph.lines_of(unit.table, unit.instance);
                 let mut states = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
                 let failed = !states.is_empty() && states.iter().all(|f| matches!(f, StoredUnitState::Failed(_)));
@@ -224,7 +224,7 @@ fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Stor
 /// trials are known in advance.
 ///
 /// # Errors
-/// Fails if a plan of these trials, its sources or the store cannot be read.
+/// Fails if the plan of these trials is invalid, or if its sources or the store cannot be read.
 pub fn settled(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -238,9 +238,9 @@ pub fn settled(
     }
 }
 
-/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials follow from
-/// invented scores, because the scores that they depend on are not in `store` yet. The plan gives the cost of the
-/// search, not its result.
+/// Plan with the maximum number of trials that a search can have, and the number of assumed trials among them. Assumed
+/// trials follow from invented scores, because the scores that they depend on are not in `store` yet. The plan serves
+/// to estimate the cost of the search, not to run it.
 ///
 /// # Errors
 /// Returns the errors of [`settled`].
@@ -270,7 +270,7 @@ fn invented_score(row: &SearchTrial) -> SearchTrialScore {
     SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
 }
 
-/// Course of a search up to the last score in `store`; `None` if all trials are known in advance.
+/// State of a search after the last score in `store`; `None` if all trials are known in advance.
 fn followed<'a>(
     search: &'a SearchSpec,
     plan: &Plan,

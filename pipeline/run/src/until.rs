@@ -1,4 +1,4 @@
-//! Run of selected tables: the current results of the other tables, and the tables that stay unchanged.
+//! Run of selected tables: the tables to compute, and the other tables that stay unchanged.
 
 use plan::{Plan, PlanUnit, TableRef};
 use schemas::Grain;
@@ -14,7 +14,7 @@ pub struct TargetTables {
 }
 
 impl TargetTables {
-    /// Targets up to the table at position `until`, or all tables.
+    /// The table at position `until` and all tables upstream of it; without `until`, all tables.
     pub fn new(plan: &Plan, until: Option<usize>) -> TargetTables {
         TargetTables { tables: until.map(|t| plan.rests_on(t)), left: vec![] }
     }
@@ -41,8 +41,8 @@ impl TargetTables {
 }
 
 impl PlanRunner<'_> {
-    /// Whether the table `t`, which is not requested, is left as it is, because an update would require some of its
-    /// units, or of an input's units, to be computed.
+    /// Whether the table `t`, which is not requested, stays unchanged. It does if its update would require computing
+    /// some of its units, or if one of its inputs stays unchanged.
     pub(super) fn is_left(&self, t: usize, left: &[usize]) -> bool {
         let node = &self.graph.plan.tables[t];
         let on_left = |r: TableRef| matches!(r, TableRef::Stage(up, _) if left.contains(&up));
@@ -50,7 +50,7 @@ impl PlanRunner<'_> {
             return true;
         }
         let unit_needs = |unit: PlanUnit| matches!(self.look(unit), UnitLookup::Need(_));
-        // Results that are not kept are only computed when they are used.
+        // Results that are not kept need no update: they are computed when they are used.
         let kept = node.keep || node.entry.grain != Grain::Line;
         kept && self.graph.units(t).any(unit_needs)
     }

@@ -41,10 +41,11 @@ impl UnitResult {
 /// vectors.
 const POINTS_A_GROUP: usize = 8;
 
-/// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.
+/// Key of a stage's preparation: the position of its table, and a text that names the parameters, models and maps that
+/// the preparation uses.
 type PreparationKey = (usize, String);
 
-/// Inputs of a stage for a point on a line: the stage, its columns, its preparation.
+/// A stage with its inputs for one point on one line: its columns and its preparation.
 struct LineUnitInput {
     stage: AnyStage,
     line: LineInput,
@@ -86,7 +87,7 @@ impl<'a> UnitWorker<'a> {
         self.store
     }
 
-    /// Reports that the run waits for `what`, or that it resumes.
+    /// Reports that the run waits for `what`; `None` reports that it resumes.
     #[cfg(feature = "cluster")]
     pub fn waits(&self, what: Option<&str>) {
         self.listener.on_event(&Event::Waiting { what });
@@ -108,7 +109,7 @@ impl<'a> UnitWorker<'a> {
         }
     }
 
-    /// Drops the preparations for the lines of a table.
+    /// Drops the preparations of the stage of a table.
     pub fn forget(&self, table: usize) {
         if let Ok(mut prepared) = self.prepared.lock() {
             prepared.retain(|(t, _), _| *t != table);
@@ -221,7 +222,7 @@ impl<'a> UnitWorker<'a> {
         }
     }
 
-    /// Batch of the stage's arrays, checked against its declaration.
+    /// Batch of the arrays that a stage made, checked against the stage's declaration.
     fn batch(&self, it: &StageInstance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
         let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
         let fits =

@@ -17,7 +17,7 @@ use store::Store;
 use super::{WarningKind, limits, navigation, row::LineMetrics};
 use crate::text::number;
 
-/// Parameters of a navigation that explain its errors.
+/// Parameters of a navigation that may explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavigationSettings {
     /// The measurement sigma, in nT; `None` if the parameter is estimated from the data.
@@ -180,7 +180,7 @@ impl<'a> LineFacts<'a> {
         self.row.get(&track::DRMS).zip(self.row.get(&track::INS_DRMS)).is_some_and(|(drms, ins)| drms > ins)
     }
 
-    /// Whether the position is lost, overconfident, or from an initial position that is too uncertain for this filter.
+    /// Whether the position is lost or overconfident, or the initial position was too uncertain for this filter.
     /// Constants that were estimated along such a track may be as wrong as its positions.
     fn unreliable(&self) -> bool {
         let overconfident = self.row.get(&track::NEES).is_some_and(|nees| nees > limits::CONSISTENT_NEES);
@@ -286,7 +286,7 @@ impl<'a> LineFacts<'a> {
         self.assumed_and_residual(settings, exceeds).into_iter().collect()
     }
 
-    /// The assumed noise and the residual of the compensation, if `exceeds` accepts them.
+    /// The assumed noise and the residual of the compensation as text, if `exceeds` accepts the two values.
     fn assumed_and_residual(
         &self,
         settings: &NavigationSettings,

@@ -123,7 +123,7 @@ impl WarningKind {
         matches!(self, WarningKind::NeesLow | WarningKind::NisLow)
     }
 
-    /// Text for all rows with this warning together.
+    /// Text that applies to all warnings of this kind.
     pub fn of_many(self) -> &'static str {
         match self {
             WarningKind::WorseThanIns => "the filter is worse than the INS alone",

@@ -42,18 +42,18 @@ pub const FLAT: f64 = 0.5;
 /// An error is attributed to samples off the map if their share is at least this.
 pub const OFF_MAP_CAUSE: f64 = 0.1;
 
-/// An error is attributed to a bias of the measurement, which biases the position, if the bias exceeds this number of
-/// assumed standard deviations of the measurement.
+/// A bias of the measurement biases the position. An error is attributed to this bias if the bias exceeds this number
+/// of assumed standard deviations of the measurement.
 pub const BIAS_SIGMAS: f64 = 2.0;
 
 /// An error is attributed to a wrong measurement noise if the assumed noise and the compensation residual differ by
 /// more than this factor, in either direction.
 pub const RESIDUAL_SIGMAS: f64 = 1.5;
 
-/// Filters count as consistent up to this NEES when a cause is determined: twice the expected value.
+/// When a cause is determined, a filter counts as consistent up to this NEES, which is twice the expected value.
 pub const CONSISTENT_NEES: f64 = 4.0;
 
-/// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
+/// Maximum difference between two dates of the core field, in years. The core field changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;
 
 /// Limit in nT: a map at the wrong height is flagged if the resulting error exceeds it. The limit is half the assumed

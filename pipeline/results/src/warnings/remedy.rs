@@ -1,6 +1,7 @@
 //! Remedies for a flagged navigation, and the test of whether the trial of a remedy improved the line.
 //!
-//! A remedy changes keys of the stage `navigate`. It is a hint only if a trial on the flagged line improved the result.
+//! A remedy changes keys of the stage `navigate`. It is suggested only if a trial on the flagged line improved the
+//! result.
 
 use schemas::Literal;
 use stages::score::{Scorer, track};
@@ -117,17 +118,17 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
 /// Result of a trial that improved a flagged line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Improvement {
-    /// Figures of the trial as text, with the previous figures.
+    /// Figures of the trial as text, compared with the figures before it.
     pub figures: String,
     /// Whether the line is still flagged.
     pub is_flagged: bool,
 }
 
-/// Compares a flagged line before and after a trial; `None` if it did not improve.
+/// Compares the scores of a flagged line without and with a remedy; `None` if the remedy does not improve them.
 ///
-/// With a true position, the flag must vanish without a larger DRMS, or the DRMS must be at least 20 % smaller with a
-/// NEES that is no farther from 2. Without a true position, the flag of the innovations must vanish. No other flag may
-/// appear.
+/// If the true position is known, either the flag must vanish and the DRMS must not grow, or the DRMS must shrink by at
+/// least 20 % and the NEES must not move away from 2. If the true position is unknown, the flag must vanish. No new
+/// flag may appear.
 pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics) -> Option<Improvement> {
     let flags = |row: &LineMetrics| -> Vec<WarningKind> {
         of_navigation(row, NavigationSettings::default()).into_iter().map(|w| w.kind).filter(|k| k.spoils()).collect()
@@ -180,13 +181,14 @@ mod tests {
         let given = || NavigationSettings { sigma_nt: Some(0.001), ..NavigationSettings::default() };
         let found = texts(WarningKind::NeesHigh, given(), &is_set);
         assert_eq!(found, ["without `measurement_sigma_nt`, `offset_window_s`", "without `init_position_sigma_m`"]);
-        // Cases: no key is set, and a warning that no key explains.
+        // There is no remedy if no key is set, or if no key explains the warning.
         let auto = || NavigationSettings { found: true, ..given() };
         assert!(texts(WarningKind::NeesHigh, auto(), &|_| false).is_empty());
         assert!(texts(WarningKind::Retention, given(), &is_set).is_empty());
         let wide = NavigationSettings { start_m: Some((1500.0, 285.0)), ..auto() };
         assert_eq!(texts(WarningKind::WideStart, wide.clone(), &|_| false), ["with `filter = \"mpf_then_ekf\"`"]);
-        // A filter that linearises the map is compared with two that do not. Each change is tried once.
+        // A filter that linearises the map has two remedies: two filters that do not linearise it. The same change is
+        // listed only once.
         let filters = ["with `filter = \"mpf_then_ekf\"`", "with `filter = \"ukf\"`"];
         assert_eq!(texts(WarningKind::Gated, wide, &|_| false), filters);
     }

@@ -61,9 +61,9 @@ impl LineMetrics {
         self.0.get(metric.metric.name).copied()
     }
 
-    /// A number of measurements divided by the number of measurements that the filter considers: a filter uses only a
-    /// part of the samples if their errors are correlated. If the used measurements are not counted, the divisor is the
-    /// number of all samples.
+    /// A number of measurements divided by the number of measurements that the filter considers. These are only a part
+    /// of the samples if the errors of the samples are correlated. If the metrics do not include the number of used
+    /// measurements, the divisor is the number of all samples.
     fn share(&self, metric: &Scorer) -> Option<f64> {
         let (count, n) = self.counted(metric).filter(|(_, n)| *n > 0)?;
         let others = [&track::SAMPLES_OFF_MAP, &track::SAMPLES_GATED, &track::SAMPLES_FLAT];
@@ -76,7 +76,7 @@ impl LineMetrics {
 
 #[cfg(test)]
 impl LineMetrics {
-    /// Sets a metric of 100 samples.
+    /// Sets the value of a metric, computed from 100 samples.
     pub fn put(&mut self, metric: &str, value: f64) {
         self.0.insert(metric.to_owned(), (value, 100));
     }

@@ -196,7 +196,7 @@ impl SchedulerClient {
         Ok(seen)
     }
 
-    /// Identifiers and names of the unfinished jobs whose names are wanted.
+    /// Identifiers and names of the unfinished jobs whose names `is_wanted` accepts.
     pub fn jobs(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(String, String)> {
         let jobs = self.ask("jobs").unwrap_or_default();
         let text = |job: &Value, key: &str| job.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -227,7 +227,7 @@ fn error_chain(e: &dyn Error) -> String {
     all.join(": ")
 }
 
-/// Cause of a missing answer: a scheduler without our key, or an unreachable scheduler.
+/// Cause of a missing answer: the scheduler does not have our key, or it is unreachable.
 fn scheduler_fault(e: &(dyn Error + 'static)) -> SchedulerFault {
     let of_key = |e: &(dyn Error + 'static)| {
         let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);

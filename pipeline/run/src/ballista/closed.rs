@@ -51,7 +51,7 @@ fn refused<T>(what: &str) -> Result<T> {
     exec_err!("this cluster accepts only tasks of magline: {what}")
 }
 
-/// Runs a decoder of another crate, which panics on some damaged rows.
+/// Runs the decoder of another crate and catches its panics on damaged rows.
 fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| refused("the rows in memory are damaged"))
 }
@@ -84,7 +84,7 @@ fn check(plan: &PhysicalPlanNode) -> Result<()> {
     }
 }
 
-/// Checks magline's node, above rows in memory.
+/// Checks magline's node, whose input must be rows in memory.
 fn units(node: &PhysicalExtensionNode) -> Result<()> {
     match single(node)? {
         Some(Node::MemoryScan(MemoryScanExecNode { partitions, sort_information, fetch: None, .. }))
@@ -99,8 +99,8 @@ fn units(node: &PhysicalExtensionNode) -> Result<()> {
     }
 }
 
-/// Whether each message of an Arrow stream has the length that it declares. The decoder allocates declared lengths, so
-/// that compressed buffers and dictionaries, which magline does not send, are rejected, too.
+/// Whether each message of an Arrow stream has the length that it declares. This check is needed because the decoder
+/// allocates declared lengths. Compressed buffers and dictionaries, which magline does not send, are rejected, too.
 fn has_declared_lengths(mut stream: &[u8]) -> bool {
     const MARKER: [u8; 4] = [0xff; 4];
     while let Some((first, mut rest)) = stream.split_first_chunk::<4>() {

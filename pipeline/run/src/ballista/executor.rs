@@ -229,8 +229,8 @@ impl ExecutorService {
         Ok(())
     }
 
-    /// Waits for the end of the running tasks. Continues to report: the scheduler then dispatches no further tasks to
-    /// this executor, and keeps its running tasks assigned to it.
+    /// Waits for the end of the running tasks. It keeps reporting meanwhile, so that the scheduler dispatches no
+    /// further tasks to this executor and does not reassign its running tasks.
     async fn finish(&self) {
         loop {
             let _ = timeout(ANSWER, self.beat()).await;
@@ -300,7 +300,7 @@ impl ExecutorService {
         };
         let (work, handle) = abortable(self.written(task));
         self.running().insert(key.clone(), handle);
-        // The runtime catches a panic of a task, and the end of the task is still reported.
+        // The runtime catches a panic of a task, so that the end of the task is still reported.
         let done = match tokio::spawn(work).await {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => Err(BallistaError::Cancelled),

@@ -2,8 +2,8 @@
 
 /// Overhead of a job at its worker and the scheduler, in seconds. Source: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// Maximum overhead as a fraction of the work: during a wave, and at its end. At the end, jobs are smaller, so that all
-/// cores finish together.
+/// Maximum overhead as a fraction of the work, during a wave and at the end of a wave. At the end, jobs are smaller, so
+/// that all cores finish together.
 const MAX_OVERHEAD: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
 /// Time that the scheduler needs for a job, in seconds; the scheduler handles jobs one after another.
@@ -13,10 +13,10 @@ pub const JOBS_A_CORE: usize = 2;
 /// Maximum number of tasks of a job.
 const MOST_TASKS: usize = 256;
 
-/// Number of tasks of the next job of a wave of `all` tasks, of which some are `waiting`; each task takes `task_s`
-/// seconds. A job has so much work that its overhead is a small share of it, and that the scheduler keeps up with all
-/// cores. Towards the end of a wave jobs become smaller, down to the size at which the overhead remains a small share.
-/// A wave with less work per core is divided evenly.
+/// Number of tasks of the next job of a wave. The wave has `all` tasks of `task_s` seconds each, and `waiting` of them
+/// are not dispatched yet. A job contains enough work that its overhead is a small share of the work and that the
+/// scheduler keeps up with all cores. Towards the end of a wave, jobs become smaller, as long as the overhead remains a
+/// small share. A wave with less work per core is divided evenly.
 pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
     let wanted = of((JOB_S / MAX_OVERHEAD).max(SCHEDULING_S * cores as f64));

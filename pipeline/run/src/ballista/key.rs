@@ -26,7 +26,7 @@ pub const VARIABLE: &str = "MAGLINE_CLUSTER_KEY";
 const NAME: &str = "cluster.magline.invalid";
 /// Maximum time of a connection attempt, and maximum waiting time for the head of an answer.
 const LONGEST: Duration = Duration::from_secs(20);
-/// Interval of keep-alive checks of the other side.
+/// Interval of keep-alive checks of a connection.
 const ALIVE: Duration = Duration::from_secs(30);
 
 /// Mutual authentication of the members of a cluster.
@@ -142,7 +142,7 @@ impl ClusterTrust {
         endpoint.tls_config(tls)
     }
 
-    /// Configuration of the endpoints that Ballista connects to.
+    /// Function that configures the endpoints that Ballista connects to.
     pub fn endpoints(&self) -> EndpointOverrideFn {
         let trust = self.clone();
         Arc::new(move |endpoint| {

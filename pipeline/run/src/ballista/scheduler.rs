@@ -95,7 +95,7 @@ pub fn listen(
     Ok(BoundScheduler { listener, address, config, trust, encryption })
 }
 
-/// Name by which others reach an address of this host.
+/// Name by which other hosts reach an address of this host.
 pub fn name_of(address: SocketAddr) -> String {
     match address {
         _ if address.ip().is_unspecified() => host(),

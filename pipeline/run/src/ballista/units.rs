@@ -154,7 +154,7 @@ pub trait TaskComputer: Send + Sync {
     fn answers(&self, tasks: Vec<TaskMessage>, version: &str, leash: &ProcessStopHandle) -> Vec<AnswerMessage>;
 }
 
-/// Component that computes tasks in this process; unset in a scheduler or a driver.
+/// Component that computes tasks in this process; unset in the process of a scheduler or a driver.
 pub static COMPUTE: OnceLock<Box<dyn TaskComputer>> = OnceLock::new();
 
 /// Guard that stops the work when its partition is cancelled.
@@ -200,7 +200,8 @@ impl TaskComputeExec {
     }
 
     fn with_version(input: Arc<dyn ExecutionPlan>, version: String) -> TaskComputeExec {
-        // The scheduler divides the input, so the partitions are read from it each time.
+        // The scheduler divides the input and creates the node again, so the number of partitions is always read from
+        // the input.
         let partitions = input.properties().output_partitioning().clone();
         let equal = EquivalenceProperties::new(answered_schema());
         let properties = PlanProperties::new(equal, partitions, EmissionType::Incremental, Boundedness::Bounded);
@@ -259,12 +260,12 @@ pub const MARK: &str = "\0magline ";
 
 /// Codec of magline's node in a plan of Ballista.
 ///
-/// A scheduler and a driver reject a node of another version. A worker reads it and rejects the tasks in its answers,
-/// because a failure would fail the whole job.
+/// A scheduler and a driver reject a node of another version. A worker decodes such a node and rejects its tasks in the
+/// answers, because an error would fail the whole job.
 #[derive(Debug, Default)]
 pub struct TaskPlanCodec {
     ballista: BallistaPhysicalExtensionCodec,
-    /// Whether nodes of other versions are read.
+    /// Whether nodes of other versions are decoded.
     lenient: bool,
 }
 

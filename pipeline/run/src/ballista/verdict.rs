@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Maximum time of a job without a worker.
+/// Maximum time for which a job may remain without a worker.
 pub const STALL: Duration = Duration::from_secs(600);
 
 /// Observed state of a long job.

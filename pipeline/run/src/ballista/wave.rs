@@ -27,7 +27,7 @@ use crate::{
     task::{Receipt, Task, TaskUnit, UnitAnswer},
 };
 
-/// Maximum number of tasks of a job before the first answer, and maximum size of the text of its tasks, in bytes.
+/// Maximum number of tasks of a job before the first answer, and maximum size of the text of a job's tasks, in bytes.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// Maximum number of failed attempts per task.
@@ -52,11 +52,11 @@ struct WaveJob {
     looked: Instant,
     /// Whether all results were in the store at the last check.
     there: bool,
-    /// Start of the period without a worker that computes the job; `None` while a worker computes it.
+    /// Start of the period in which no worker computes the job; `None` while a worker computes it.
     idle: Option<Instant>,
 }
 
-/// Number of a job, and its answers or its error.
+/// Number of a job, and the job's answers or its error.
 type WaveJobResult = (usize, Result<Vec<AnswerMessage>, String>);
 
 /// Dispatch of a wave to a cluster, with its jobs and receipts.
@@ -78,7 +78,7 @@ pub struct WaveDispatcher<'a> {
     restarts: usize,
     seen: ClusterSnapshot,
     looked: Option<Instant>,
-    /// Times since the last answer of the scheduler, the last worker, and the last failed job.
+    /// Times since the scheduler last answered, since a worker was last seen, and since the last job failed.
     scheduler_seen: ObservationTimer,
     worker_seen: ObservationTimer,
     failed_since: Option<ObservationTimer>,
@@ -236,7 +236,7 @@ impl<'a> WaveDispatcher<'a> {
             self.jobs.insert(number, WaveJob { tasks, begun: now, looked: now, there: false, idle: None });
             let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
-                // There is no receiver after an interrupt.
+                // Sending fails after an interrupt, because there is no receiver then.
                 let _ = sender.send((number, made.await.map_err(|e| e.to_string())));
             });
         }
@@ -387,7 +387,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Checks long jobs: an answer may have been lost, which neither scheduler nor worker detect.
+    /// Checks long jobs: an answer may have been lost, which neither the scheduler nor the worker detects.
     fn look_after(&mut self) {
         let long = |job: &WaveJob| job.begun.elapsed() > LONG && job.looked.elapsed() > LONG;
         let due: Vec<usize> = self.jobs.iter().filter(|(_, job)| long(job)).map(|(n, _)| *n).collect();

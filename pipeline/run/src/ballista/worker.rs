@@ -35,13 +35,13 @@ use crate::{
     task::{Receipt, Task, VERSION},
 };
 
-/// Lifetime of a process without a task. The store is in use while the process lives.
+/// Lifetime of a process without a task. The process keeps the store open while it lives.
 const RESTS: Duration = Duration::from_secs(5);
 /// A rejected task is retried for this time, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Interval of checks of the scheduler.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
-/// Maximum time that a run takes to fetch an answer.
+/// Time that a run has to fetch an answer before the worker ends.
 const FETCHED_AFTER: Duration = Duration::from_secs(2);
 
 /// Configuration of a worker.
@@ -91,7 +91,7 @@ fn leave(why: Fault, after: Duration) {
     if AT_ODDS.set(why).is_ok() {
         thread::spawn(move || {
             sleep(after);
-            // The executor receives it like any other stop request, and finishes its current tasks.
+            // The executor handles this signal like any other stop request: it finishes its current tasks.
             raise(Signal::SIGTERM)
         });
     }
@@ -115,7 +115,7 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
         .mode(0o700)
         .create(&own)
         .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
-    // `None` if the scheduler was lost after the caller found it.
+    // `None` if the scheduler was lost after the caller had connected to it.
     let started = scheduler.name().ok();
     let is_lost = || started.is_none() || scheduler.name().ok() != started;
     let ended = crew.attended(&scheduler, || executed(config, name, &own, is_lost));
@@ -261,7 +261,7 @@ impl WorkerPool {
         })
     }
 
-    /// Processes that have been idle too long.
+    /// Removes and returns the processes that have been idle too long.
     fn old(&self) -> Vec<IdleProcess> {
         let mut places = self.places();
         let (old, young) = std::mem::take(&mut places.resting).into_iter().partition(|r| r.since.elapsed() > RESTS);
@@ -269,8 +269,8 @@ impl WorkerPool {
         old
     }
 
-    /// Takes a place, with the idle process of the wave if there is such a process. Waits until a place is free: a
-    /// cancelled task keeps its place until its process has ended.
+    /// Takes a place. Returns the idle process of the wave, if there is one. Waits until a place is free: a cancelled
+    /// task keeps its place until its process has ended.
     fn enter(&self, wave: &str) -> Option<WorkerProcess> {
         let mut places = self.places();
         while places.free == 0 {
@@ -327,7 +327,7 @@ impl WorkerPool {
                 Some(why) => {
                     (self.0.on_receipt)(&receipt);
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
-                    // Otherwise this worker would take tasks from workers that can compute them.
+                    // If this worker stayed, it would take tasks away from workers that can compute them.
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault = Fault::machine(format!("this worker rejects its first task: {why}"));
                         leave(fault.help("`--store` must be the `store` of the runs"), FETCHED_AFTER);
@@ -364,7 +364,7 @@ impl TaskComputer for WorkerPool {
         let mut process = self.enter(&first.wave);
         let mut answers = vec![];
         for handed in &tasks {
-            // The scheduler dispatches missing units again.
+            // The run dispatches the skipped tasks again.
             if INTERRUPTED.load(Ordering::Relaxed) && !answers.is_empty() {
                 break;
             }

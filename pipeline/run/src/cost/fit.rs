@@ -13,7 +13,7 @@ pub struct CostSample {
     pub weight: f64,
 }
 
-/// Cost of a unit of each kind of work.
+/// Price of each kind of work: the cost of one unit of this work.
 #[derive(Clone, Debug)]
 pub struct UnitPrices {
     found: BTreeMap<String, f64>,
@@ -40,8 +40,8 @@ impl UnitPrices {
 
     /// Fits non-negative prices to `samples` by weighted least squares: the sum of the squares of weight times error is
     /// minimised. Iteration starts from the positive prices `usual`. Each pass multiplies a price by the ratio of
-    /// observed to fitted cost, so prices that cannot be separated from the samples keep their ratio. [Lee & Seung
-    /// 2001, theorem 1]
+    /// observed to fitted cost, so prices that the samples cannot separate keep their ratio. [Lee & Seung 2001, theorem
+    /// 1]
     pub fn fit(samples: &[CostSample], usual: fn(&str) -> f64) -> UnitPrices {
         let mut columns: BTreeMap<&str, Vec<(usize, f64)>> = BTreeMap::new();
         for (row, sample) in samples.iter().enumerate() {

@@ -25,7 +25,7 @@ const MEASURED: &str = include_str!("measured.json");
 pub struct WorkAmounts {
     /// Units.
     pub units: f64,
-    /// Rows of the lines of each unit, times the stage's effort per row at its parameters.
+    /// Rows of the lines of each unit, times the effort per row of the stage with these parameters.
     pub samples: f64,
     /// Numbers read. A column that several points of a sweep read is counted once.
     pub values: f64,
@@ -43,7 +43,7 @@ pub struct TableWork {
     pub parts: BTreeMap<String, WorkAmounts>,
     /// Units.
     pub units: f64,
-    /// Input rows of these units.
+    /// Number of input rows of these units.
     pub rows_in: f64,
     /// Numbers per input row, summed over the units.
     pub reads: f64,
@@ -112,7 +112,7 @@ fn last(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
 }
 
-/// Default price of processor time, in seconds.
+/// Default price in processor time, in seconds.
 pub fn usual_seconds(name: &str) -> f64 {
     match last(name) {
         "unit" => 1e-4,
@@ -162,7 +162,7 @@ pub struct CostModel {
     pub bytes: UnitPrices,
     /// Memory, in bytes.
     pub memory: UnitPrices,
-    /// Records of this store.
+    /// Number of records of this store.
     pub own: usize,
 }
 
@@ -254,7 +254,7 @@ pub fn of_store(root: &Path) -> Vec<CostObservation> {
     paths.iter().flat_map(|p| read(p)).collect()
 }
 
-/// Adds the measurements of a run of `pipeline`, which holds the lock of the pipeline. A record replaces an older
+/// Adds the measurements of a run of `pipeline`; the run holds the lock of the pipeline. A record replaces an older
 /// record of the same work. A record that cannot be written is dropped: it only guides estimates, and the write of
 /// results reports the disk fault.
 pub fn keep(store: &Store, pipeline: &str, new: Vec<CostObservation>) {

@@ -22,7 +22,7 @@ pub struct CostMeter<'a> {
     spent_s: f64,
 }
 
-/// Work and start time of a table before its computation.
+/// Work of a table, and start time of its computation.
 pub struct TableStart {
     asked: MissingWork,
     begun_s: f64,
@@ -62,8 +62,7 @@ impl<'a> CostMeter<'a> {
         self.seen.push(CostObservation { work: asked.work, rows, bytes, seconds, memory });
     }
 
-    /// Keeps the measurements. `whole` is true if the run has finished, so that its work outside the tables was
-    /// measured, too.
+    /// Keeps the measurements. `whole` is true if the run has finished; its work outside the tables is then kept, too.
     pub fn keep(mut self, whole: bool) {
         if self.seen.is_empty() {
             return;

@@ -37,7 +37,7 @@ pub struct MissingWork {
     pub rows: f64,
     /// Number of tasks that can be computed concurrently.
     pub tasks: usize,
-    /// The units to compute, each key once.
+    /// The units to compute; of several units with the same key, only the first.
     pub missing: Vec<PlanUnit>,
 }
 
@@ -53,18 +53,19 @@ struct PointEffort {
 /// Column lists that the points of a table read; equal lists are stored once.
 #[derive(Default)]
 struct ColumnLists {
-    /// The number of each column, by the stage that made it and the name of the column in that stage.
+    /// The index of each column, by the table that made it and the name of the column in that table.
     numbers: HashMap<(TableRef, String), usize>,
-    /// Numbers of a row, by column.
+    /// Width of each column: the count of numbers that it has per row.
     widths: Vec<f64>,
-    /// The number of each list of columns.
+    /// The index of each list of columns.
     lists: HashMap<Vec<usize>, usize>,
     /// The columns of each list.
     by_list: Vec<Vec<usize>>,
 }
 
 impl ColumnLists {
-    /// Number of a list of columns. Each column has its source table, its name in that table, and its numbers per row.
+    /// Index of a list of columns, which is added if it is new. A column is given by its source table, its name in that
+    /// table, and its width.
     fn list(&mut self, columns: impl Iterator<Item = (TableRef, String, f64)>) -> usize {
         let mut list = vec![];
         for (made_by, name, width) in columns {
@@ -92,7 +93,8 @@ struct SharedColumns {
 }
 
 impl SharedColumns {
-    /// Numbers read, each column once; and the squared numbers per row, summed over the lists.
+    /// Count of numbers read, each column counted once; and the sum over the lists of rows times the squared count of
+    /// numbers per row.
     fn amounts(&self, read: &ColumnLists) -> (f64, f64) {
         let columns: BTreeSet<usize> = self.lists.iter().flat_map(|list| read.by_list[*list].iter().copied()).collect();
         let width = |columns: &mut dyn Iterator<Item = &usize>| columns.map(|c| read.widths[*c]).sum::<f64>();
@@ -233,7 +235,7 @@ impl<'a> WorkEstimator<'a> {
             if let Some(key) = entry.kinds.first().map(|k| k.key)
                 && let Some((_, chosen)) = stage.canonical().into_iter().find(|(name, _)| *name == key)
             {
-                // The spelling is quoted and followed by the version.
+                // The canonical value is the name in quotes, followed by the version.
                 kind = format!("{kind} {}", chosen.split('"').nth(1).unwrap_or(&chosen));
             }
             let manner = stage.manner();
@@ -258,7 +260,7 @@ impl<'a> WorkEstimator<'a> {
         it.inputs().into_iter().zip(&it.yields.reads).flat_map(of)
     }
 
-    /// Numbers of a row in the column `name` of `r`.
+    /// Count of numbers per row in the column `name` of `r`.
     fn numbers(&self, r: TableRef, name: &str) -> f64 {
         let plan = self.graph.plan;
         let found = match r {
@@ -287,7 +289,7 @@ impl<'a> WorkEstimator<'a> {
         }
     }
 
-    /// Rows of a line in the first line input, to which the other inputs are aligned.
+    /// Number of rows of a line in the first line input, to which the other line inputs are aligned.
     fn rows_of_line(&self, it: &StageInstance, line: LineId) -> f64 {
         let first = it.node.inputs(it.index).find(|(kind, _)| kind.is_by_line());
         first.map_or(0.0, |(_, r)| self.rows_in(r, line))
@@ -303,7 +305,7 @@ impl<'a> WorkEstimator<'a> {
         self.rows_of(unit, &it, self.rows_of_line(&it, line), 0.0)
     }
 
-    /// Rows that a unit makes from `rows` input rows of `reads` numbers each.
+    /// Number of rows that a unit makes from `rows` input rows of `reads` numbers each.
     fn rows_of(&self, unit: PlanUnit, it: &StageInstance, rows: f64, reads: f64) -> f64 {
         if it.node.entry.grain == Grain::Line && it.yields.passes != PassThroughColumns::None {
             return rows;
@@ -343,7 +345,7 @@ impl<'a> WorkEstimator<'a> {
         }
     }
 
-    /// Samples per second of a table of lines, determined by a stage or by the flights below it.
+    /// Samples per second of a table of lines, determined by a stage or by the flights upstream.
     fn rate(&self, r: TableRef) -> Option<f64> {
         match r {
             TableRef::Map(_) => None,
@@ -380,7 +382,7 @@ impl<'a> WorkEstimator<'a> {
         rates.get(rates.len() / 2).copied()
     }
 
-    /// Finds the units of tables that are not kept and must be recomputed for `unit`.
+    /// Finds the units that must be recomputed for `unit`, because the results of their tables are not kept.
     fn unkept(&self, unit: PlanUnit, it: &StageInstance, found: &mut HashSet<PlanUnit>) {
         if self.graph.plan.tables.iter().all(|node| node.keep) {
             return;
@@ -422,7 +424,7 @@ impl<'a> WorkEstimator<'a> {
     }
 }
 
-/// Numbers per row that a unit writes; constant columns take no space.
+/// Count of numbers per row that a unit writes; constant columns take no space.
 fn width(it: &StageInstance, axes: usize, cut: &TableAssembler) -> f64 {
     let made: f64 = it.yields.columns.iter().map(|c| numbers(&c.column_type)).sum();
     let passed = cut.schema.fields().iter().skip(axes).filter(|f| it.makes(f.name()).is_none());
@@ -451,8 +453,8 @@ mod tests {
     fn unit_shared_columns_and_products_are_counted_once() {
         let mut read = ColumnLists::default();
         let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
-        // Eighteen terms for each of two magnetometers; two points use the first magnetometer. Then follow the terms of
-        // another vector magnetometer.
+        // The first three points read eighteen terms with one of two magnetometers, two of them with the same one. The
+        // last point reads the terms of another vector magnetometer.
         let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
             .into_iter()
             .map(|(terms, mag)| read.list([column(2, mag, 1.0), column(terms, "tl", 18.0)].into_iter()))
@@ -463,7 +465,7 @@ mod tests {
         assert_eq!(of(&[0]), (1900.0, product));
         assert_eq!(of(&[0, 1, 0]), (2000.0, 2.0 * product));
         assert_eq!(of(&lists), (3800.0, 3.0 * product));
-        // The order of columns does not distinguish lists.
+        // Lists that differ only in the order of their columns are equal.
         assert_eq!(read.list([column(0, "tl", 18.0), column(2, "mag_4", 1.0)].into_iter()), 0);
     }
 }

@@ -36,7 +36,7 @@ impl UnitWorker<'_> {
         let keep = match (&it.predicate, it.first_input()) {
             (Some(p), Some(r)) if !p.is_of_lines() => {
                 let batch = held.batch(r, line, &p.columns)?;
-                // In SQL, a condition on a missing column is unknown, so no row is selected.
+                // As in SQL, a condition on a missing column is neither true nor false, so it selects no row.
                 let whole = batch.num_columns() == p.columns.len();
                 if whole { p.rows(&batch)? } else { Some(vec![false; inputs[0].num_rows()]) }
             }
@@ -92,7 +92,7 @@ impl UnitWorker<'_> {
             waiting.extend(made_again);
         }
         bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|(unit, stage)| {
-            // Each unit that needs this preparation reports its faults.
+            // Faults are ignored here: each unit that needs the preparation reports them.
             let _ = self.prepare(*unit, stage);
         });
     }
@@ -114,8 +114,8 @@ impl UnitWorker<'_> {
         Ok((unit.table, name))
     }
 
-    /// Preparation for all lines of a table. The preparation is built without a lock: a thread that waits for its own
-    /// parallel work processes other lines in the meantime, which may need the same preparation.
+    /// Preparation for all lines of a table. No lock is held while the preparation is built: a thread that waits for
+    /// its own parallel work processes other lines in the meantime, and these lines may need the same preparation.
     pub(super) fn prepare(&self, unit: PlanUnit, stage: &AnyStage) -> Result<AnySharedData, Fault> {
         let basis = self.basis(unit, stage)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");

@@ -22,7 +22,7 @@ use super::{
 /// Minimum interval between progress reports of a unit.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 
-/// Result of a survey stage for a point: the faults of skipped lines, and its table.
+/// Result of a survey stage for a point: the faults of skipped lines, and the table that the stage made.
 type SurveyUnitResult = (Vec<Fault>, Result<StageOutput, Fault>);
 
 /// Inputs of a survey stage for its units, one per point.
@@ -55,7 +55,8 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
     }
 
     fn keep(&self, point: usize, state: &[u8]) {
-        // A lost checkpoint only means recomputation. A disk fault is reported when results are written.
+        // If a checkpoint is lost, an interrupted unit only has to start again. A disk fault is reported when results
+        // are written.
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 
@@ -163,7 +164,7 @@ impl UnitWorker<'_> {
             UnitResult { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
         let made = units.iter().zip(left_out.into_iter().zip(tables)).map(made);
-        // An interrupted unit has no final outcome.
+        // A unit that an interrupt stopped has no outcome yet.
         let stopped = |m: &UnitResult| {
             INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting())
         };
