@@ -2,7 +2,7 @@
 //! truth.
 //!
 //! The tasks are fixed: [`TASKS`] lists their columns, lines and metrics. A line has a score if all its samples are
-//! predicted. If a line lacks predictions for some samples, the line fails, and so does its task.
+//! predicted. If predictions are missing for some samples, the line fails, and so does its task.
 
 mod flights;
 mod predictions;
@@ -64,7 +64,7 @@ pub struct BenchTask {
     pub columns: &'static [&'static str],
     /// Columns of the flight with the truth.
     pub truth: &'static [&'static str],
-    /// Columns of the flight that are the naive baseline.
+    /// Columns of the flight that serve as the naive baseline.
     pub naive: &'static [&'static str],
     /// Metric of the task.
     pub measure: BenchMetric,
@@ -225,7 +225,8 @@ fn score_line(
     })
 }
 
-/// Metric of predictions against the truth, over pairs of a sample and its row.
+/// Metric of predictions against the truth. `pairs` holds the position of each sample in the truth, and of its row in
+/// the predictions.
 fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(usize, usize)]) -> SampleStatistic {
     let at = |columns: &[&[f64]], column: usize, row: usize| {
         columns.get(column).and_then(|c| c.get(row)).copied().unwrap_or(f64::NAN)
@@ -247,8 +248,8 @@ fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs:
     }
 }
 
-/// Rejects a column that is constant on a line. Its standard error would equal the standard deviation of the truth,
-/// which may be below the standard error of a real prediction.
+/// Rejects a column that is constant on a line. The standard error of a constant equals the standard deviation of the
+/// truth, which may be smaller than the standard error of a real prediction.
 fn constant(
     task: &BenchTask,
     line: &BenchLine,
@@ -256,7 +257,7 @@ fn constant(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Fewer samples may be equal by chance.
+    /// Minimum number of samples for this check: fewer samples may be equal by chance.
     const LEAST: usize = 20;
     for (name, values) in task.columns.iter().zip(columns) {
         let mut there = pairs.iter().filter_map(|(_, row)| values.get(*row));

@@ -291,7 +291,8 @@ pub fn command(catalogue: &[StageEntry], program: &Path, arguments: Vec<OsString
 
 /// Runs the command `arguments`, whose first element is the name of the program. Returns the exit status.
 fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    // A file beyond a size limit of the system then causes a write error instead of a silent end.
+    // With this signal blocked, a file that exceeds a size limit of the system causes a write error instead of a silent
+    // end.
     let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     names.sort_unstable();
@@ -433,7 +434,7 @@ fn open(spec: &Spec) -> Result<Store, SpecFaults> {
     Store::open(&spec.store).map_err(|f| spec.faults(vec![f]))
 }
 
-/// Verifies a folder as a store if it is one, otherwise as a published set.
+/// Verifies a folder: as a store if the folder is a store, otherwise as a published set.
 fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), ExitReason> {
     match folder {
         Some(folder) if !tend::is_store(&folder) => publish::verify(&folder),

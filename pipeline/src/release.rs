@@ -153,7 +153,8 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         });
     }
     protect::describe(&lineage, &mut tables);
-    // The written files are checked again, so that a column that is missing from the plan is never published.
+    // The columns of the written files are checked again, so that no restricted column is published because it is
+    // missing from the plan.
     let names = |t: &ReleaseTable| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
     let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
     let restricted = protect::find(&lineage, &named);
@@ -265,7 +266,7 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<TableSelection>, Fault> {
     Ok(found)
 }
 
-/// Columns of the requested tables in the plan; the files of the tables contain a subset of them.
+/// Columns that the requested tables have in the plan; the files of the tables contain a subset of these columns.
 fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<String>)> {
     let plan = graph.plan;
     let one = |chosen: &TableSelection| match *chosen {
@@ -299,7 +300,7 @@ fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     version.ok_or_else(|| Fault::new(format!("the store has no current results of {}", spec.file)).help(run()))
 }
 
-/// Failures in the tables and in their inputs.
+/// Failures in the chosen tables and in their inputs.
 fn failures(graph: &PlanGraph, store: &Store, chosen: &[TableSelection]) -> Result<Vec<ReleaseFailure>, Fault> {
     let plan = graph.plan;
     let mut names: BTreeSet<&str> = BTreeSet::new();

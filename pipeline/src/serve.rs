@@ -54,14 +54,14 @@ pub struct ServerSettings {
 
 /// Number of threads for connections; queries have separate threads.
 const CONNECTION_THREADS: usize = 2;
-/// Open answers must end within this time after a stop.
+/// After a request to stop, open answers must end within this time.
 const GRACE: Duration = Duration::from_secs(3);
 /// A client counts as disconnected after this time without a message.
 const ALIVE: Duration = Duration::from_secs(30);
 /// Maximum size of a message from a client: a query, or the values of its parameters, in bytes. Answers are sent in
 /// messages of about 2 MB.
 const MESSAGE: usize = 4 << 20;
-/// Simultaneous requests on one connection; others wait.
+/// Maximum number of simultaneous requests on one connection; further requests wait.
 const STREAMS: u32 = 64;
 
 fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
@@ -96,7 +96,7 @@ pub fn serve(
     let processes = queries.processes();
     let done = connections.block_on(listen(settings, queries, started, stop));
     processes.end();
-    // The clients of running queries have disconnected.
+    // All clients have disconnected, so running queries are not waited for.
     computing.shutdown_background();
     connections.shutdown_background();
     done
@@ -120,7 +120,7 @@ async fn listen(
     let door = PortListener::new(listener, encryption);
     started(door.address().map_err(|e| taken(&e))?);
     let stopped = |mut stop: watch::Receiver<bool>| async move {
-        // A dropped sender cannot stop it any more.
+        // An error means that the sender was dropped, which also stops the server.
         let _ = stop.wait_for(|stop| *stop).await;
     };
     let (first, later) = (stopped(stop.clone()), stopped(stop));

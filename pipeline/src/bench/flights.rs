@@ -29,7 +29,7 @@ impl BenchLine {
     /// Numeric column.
     ///
     /// # Errors
-    /// Fails if it is missing, or lacks a value.
+    /// Fails if the column is missing, or lacks a value.
     pub fn column(&self, name: &str) -> Result<&[f64], Fault> {
         let array = self.rows.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
         let array = array.filter(|a| a.null_count() == 0);
@@ -85,7 +85,7 @@ pub fn open(path: &Path) -> Result<Vec<BenchLine>, Fault> {
 
 /// Whether a participant may read a column of the test flight.
 fn is_open(field: &arrow_schema::Field) -> bool {
-    /// Columns derived from the truth, with any role.
+    /// Columns that are derived from the truth, but have another role.
     const HIDDEN: [&str; 4] = ["roll_rate", "pitch_rate", "yaw_rate", "igrf"];
     describe_field(field).role != Role::Truth && !HIDDEN.contains(&field.name().as_str())
 }

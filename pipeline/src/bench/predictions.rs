@@ -81,7 +81,7 @@ impl Predictions {
     /// Columns of a task.
     ///
     /// # Errors
-    /// Fails if one of them is missing.
+    /// Fails if one of these columns is missing.
     pub fn columns(&self, task: &BenchTask) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {
@@ -99,7 +99,7 @@ impl Predictions {
     /// Fails for rows of a line that is not scored, rows at an unknown time, or duplicate rows.
     pub fn places(&self, lines: &[&BenchLine]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
-        // Maps flight and line to the line and its samples by time.
+        // For each flight and line, the position of the line, and the line's samples by time.
         let mut at: HashMap<(&str, &str), (usize, TickIndex)> = HashMap::new();
         let mut places = vec![];
         for (i, line) in lines.iter().enumerate() {
@@ -137,7 +137,7 @@ fn unreadable(e: &dyn std::fmt::Display) -> Fault {
     Fault::data(format!("cannot read the predictions: {e}")).help("predictions must be Parquet, or CSV with a header")
 }
 
-/// CSV file with its cells as text: identifiers such as 3.10 stay unchanged.
+/// Reads a CSV file with all cells as text, so that identifiers such as 3.10 stay unchanged.
 fn csv(path: &Path) -> Result<RecordBatch, Fault> {
     let open = || File::open(path).map_err(|e| unreadable(&e));
     let format = arrow_csv::reader::Format::default().with_header(true);
@@ -158,7 +158,7 @@ fn whole(path: &Path) -> Result<RecordBatch, Fault> {
     concat_batches(&schema, &batches).map_err(|e| unreadable(&e))
 }
 
-/// Identifiers, which must be text or integers.
+/// Flight or line identifiers, which must be text or integers.
 fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     if array.data_type().is_floating() {
         let what = format!("`{name}` contains decimal numbers, which do not distinguish 3.1 from 3.10");

@@ -1,4 +1,4 @@
-//! Result of a query in the requested format, written while it is computed.
+//! Result of a query in the requested format, written while the query is computed.
 
 use std::{
     fs::File,
@@ -34,7 +34,7 @@ pub enum AnswerFormat {
     Parquet,
 }
 
-/// Temporary name of a result for `path`, written by the process with the id `process`.
+/// Temporary name under which the process with the id `process` writes the result for `path`.
 pub fn unfinished(path: &Path, process: u32) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     path.with_file_name(format!(".{name}.{process}"))
@@ -166,7 +166,7 @@ impl BatchSink for AnswerWriter {
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        /// Additional memory of a cell for its text in the table format, in bytes.
+        /// Additional memory that the table format needs for the text of a cell, in bytes.
         const CELL: usize = 160;
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
@@ -195,7 +195,7 @@ impl BatchSink for AnswerWriter {
 
 /// Standard output. A failure sets the exit status. A file or a pipe receives the bytes unchanged.
 struct StandardOutput {
-    /// On a terminal: the bytes of an incomplete character.
+    /// Bytes of an incomplete character that wait for the rest; `None` if the output is not a terminal.
     terminal: Option<Vec<u8>>,
 }
 

@@ -1,4 +1,4 @@
-//! Choice of a mapping, an output folder and identifiers where the command line gives none.
+//! Choice of a mapping, an output folder and identifiers that the command line does not give.
 
 use std::{
     path::{Path, PathBuf},
@@ -50,7 +50,7 @@ pub fn fits(path: &Path, format: Option<&str>) -> Result<Vec<MappingFit>, Fault>
 /// The mapping of a log of several tables, by its content; `None` for a log of one table.
 pub fn mapping(path: &Path, format: Option<&str>, started: bool) -> Result<Option<Arc<Mapping>>, ExitReason> {
     let options = options(format);
-    // A file of one table is read by the names of its columns, and its rows are not counted here.
+    // A file of one table needs no mapping: its columns are known by their names. Its rows are not counted here.
     let known = datasets::flight_format_of(flight_formats(), path, &options);
     if !known.is_ok_and(|format| flight_formats().iter().any(|f| f.name == format && f.topics.is_some())) {
         return Ok(None);

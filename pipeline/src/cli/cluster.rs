@@ -49,7 +49,7 @@ pub struct SchedulerArgs {
     /// 0.0.0.0.
     #[arg(long, value_name = "NAME")]
     advertise: Option<String>,
-    /// The time without a report from a worker after which the tasks of this worker are dispatched to other workers.
+    /// If a worker sends no report for this time, its tasks are dispatched to other workers.
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
     #[command(flatten)]

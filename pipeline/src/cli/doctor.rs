@@ -30,9 +30,9 @@ pub struct DoctorArgs {
     store: Option<PathBuf>,
 }
 
-/// Less free space than this causes a warning, in bytes. A simulated survey of an hour occupies a tenth of it.
+/// Less free space than this causes a warning, in bytes. A simulated survey of an hour occupies a tenth of this space.
 const LITTLE_SPACE: u64 = 2_000_000_000;
-/// Number of open files that a run over many lines requires.
+/// Limit of open files that a run over many lines requires.
 const OPEN_FILES: u64 = 1024;
 
 /// Outcome of a check.

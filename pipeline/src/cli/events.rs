@@ -97,7 +97,7 @@ impl JsonEvents {
                 merged(json!({ "event": "table", "table": table, "seconds": seconds }), counts(count))
             }
             Event::Finished { summary } => {
-                // `event` and `computed` come first: scripts look for them as text.
+                // The keys `event` and `computed` come first, because scripts search the text for them.
                 let head = merged(json!({ "event": "finished" }), counts(&summary.total()));
                 merged(head, finished(summary, self.begun.elapsed().as_secs_f64()))
             }
@@ -105,7 +105,7 @@ impl JsonEvents {
     }
 }
 
-/// Summary of a run that took `seconds`, as an object: the keys of the event `finished` except the totals.
+/// Summary of a run that took `seconds`, as an object with the keys of the event `finished`, except the totals.
 pub fn finished(summary: &RunSummary, seconds: f64) -> Value {
     let tables = summary.tables.iter().zip(&summary.seconds);
     let tables: Map<_, _> = tables

@@ -1,8 +1,8 @@
-//! Child process of a `sql` query. Its parent monitors its memory, and the kernel limits it.
+//! Child process of a `sql` query. The parent monitors the memory of the child, and the kernel limits it.
 //!
 //! DataFusion accounts for the memory of sorts, joins and aggregates, but not for results of functions and windows. A
-//! failed allocation aborts the process. A query therefore runs in a child process, and the parent reports how it
-//! ended.
+//! failed allocation aborts the process. A query therefore runs in a child process, and the parent reports how the
+//! child ended.
 
 use std::{
     env, fs, io,
@@ -58,8 +58,8 @@ pub fn limit(memory: usize) {
     let _ = confine::limit_memory(most(memory).saturating_add(reserved));
 }
 
-/// Runs this command again as a child process with `folder` for temporary files, and waits for its end. `unfinished`
-/// returns the file that a killed child leaves behind, given the child's process id.
+/// Runs this command again as a child process with `folder` for temporary files, and waits for its end. Given the
+/// process id of the child, `unfinished` returns the file that a killed child leaves behind.
 ///
 /// # Errors
 /// Fails if the child fails. The child has already printed its message.

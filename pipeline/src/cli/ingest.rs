@@ -173,7 +173,7 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     drop(progress);
     drop(lock);
     drop(unfinished);
-    // The folder is kept if another process uses it.
+    // This fails, and the folder is kept, if another process uses it.
     let _ = fs::remove_dir(&hidden);
     print_outcome(args, &works, &results, &divided)
 }
@@ -261,7 +261,7 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
         ..FlightOptions::default()
     };
     let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
-    // A topic without a number is the first instance.
+    // A topic name without a number means the first instance of the topic.
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
     let of = |topic: &str| topics.iter().find(|known| plain(&known.name) == plain(topic));
     let there = |t: &MappingTable| t.topic().is_none_or(|topic| of(topic).is_some_and(|known| known.note.is_empty()));
@@ -333,7 +333,7 @@ fn print_outcome(
     if written > 0 && lost > 0 {
         text.push(format!("{} written, {} rejected", counted(written, "line"), counted(lost, "line")));
     }
-    // If nothing was written because of spec or data faults, the input is wrong.
+    // If nothing was written, and all faults are faults of the spec or the data, the input is wrong.
     let ours = faults.iter().all(|f| f.owner == FaultOwner::Spec || f.owner == FaultOwner::Data);
     let text = text.join("\n");
     Err(if written == 0 && ours { ExitReason::Wrong(text) } else { ExitReason::Failed(text) })
@@ -389,7 +389,7 @@ fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
     text
 }
 
-/// Whether a figure is shown on the terminal: irregularities, and the properties of magnetometers.
+/// Whether a figure is shown on the terminal. Irregularities and the properties of magnetometers are shown.
 fn is_reported(measure: &QualityMeasure) -> bool {
     match measure.check {
         QualityFigure::Rate | QualityFigure::Jitter | QualityFigure::Midnight => false,

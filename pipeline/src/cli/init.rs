@@ -36,7 +36,7 @@ pub struct InitArgs {
     /// A log, and optionally an anomaly map.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// The EPSG code of the log's eastings and northings. Default: a system in which they are on the map.
+    /// The EPSG code of the log's eastings and northings. Default: a system in which these coordinates lie on the map.
     #[arg(long)]
     epsg: Option<u16>,
     /// The output file of the spec. Default: the name of the log with `.toml`. An existing file is not overwritten.
@@ -142,8 +142,8 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     Ok(())
 }
 
-/// Question about missing position columns (of the INS or the truth), without which no map value can be computed.
-/// `None` if the log has either position. `mapping` is the file of a suggested mapping.
+/// Question about missing position columns: without the position of the INS or the true position, no map value can be
+/// computed. `None` if the log has one of these positions. `mapping` is the file of a suggested mapping.
 fn position_question(found: &LogFindings, mapping: Option<&Path>) -> Option<String> {
     let missing = |names: [&'static str; 3]| -> Vec<&'static str> {
         let has = |name: &&str| found.tables.iter().any(|table| table.has(name));
@@ -164,8 +164,8 @@ fn position_question(found: &LogFindings, mapping: Option<&Path>) -> Option<Stri
     Some(format!("which columns give the position and the height? The map and the navigation need {names}. {remedy}"))
 }
 
-/// The mapping of a log: none, built-in or suggested. `own` is the file of a suggested mapping, `system` the coordinate
-/// system of eastings and northings.
+/// The source of a log, with no mapping, a built-in mapping or a suggested mapping. `own` is the file of a suggested
+/// mapping, and `system` is the coordinate system of eastings and northings.
 fn source(log: &Path, own: &Path, system: &KnownSystem) -> Result<InitSource, ExitReason> {
     let options = FlightOptions::default();
     let label = own.display().to_string();
@@ -198,7 +198,7 @@ fn source(log: &Path, own: &Path, system: &KnownSystem) -> Result<InitSource, Ex
     })
 }
 
-/// The source of a log that a built-in mapping fits.
+/// The source of a log with the built-in mapping `best`.
 fn builtin(best: MappingFit, parsed: impl Fn(&str) -> Result<Arc<Mapping>, Fault>) -> Result<InitSource, ExitReason> {
     let mut source = InitSource {
         builtin: Some(best.name),

@@ -31,7 +31,8 @@ pub fn leave() {
 }
 
 /// Makes an interrupt end a run after the units in progress. While sources are read or simulated, which may take long
-/// for one file, it ends the process at once. The store is always consistent, and keeps the files that were read.
+/// for a single file, an interrupt ends the process at once. The store is always consistent, and keeps the files that
+/// were read.
 pub fn listen() {
     // If no handler can be set, an interrupt ends the process at once.
     let _ = ctrlc::set_handler(|| stop(STATUS, MESSAGE));
@@ -41,7 +42,7 @@ pub fn listen() {
 pub fn stop(status: u8, message: &str) {
     INTERRUPTED.store(true, Ordering::SeqCst);
     if !STARTED.load(Ordering::SeqCst) {
-        // The lock is held to the end, so that another stopping thread waits for this action.
+        // The lock is held until the process ends, so that another thread that wants to stop the process waits.
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
         last.take().into_iter().for_each(|last| last(status));
         let _ = writeln!(std::io::stderr(), "{message}");
@@ -72,7 +73,8 @@ pub fn with_parent(parent: u32) {
     });
 }
 
-/// Makes an interrupt end a worker as [`listen`] ends a run. The units in progress are not counted as lost.
+/// Makes an interrupt end a worker after the units in progress, as [`listen`] does for a run. The units in progress are
+/// not counted as lost.
 pub fn withdraw() {
     // If no handler can be set, an interrupt ends the process at once.
     let _ = ctrlc::set_handler(|| {

@@ -23,7 +23,7 @@ impl Invocation {
 /// Path of this program.
 ///
 /// # Errors
-/// Fails if the system does not report it.
+/// Fails if the system does not report the path of this program.
 pub fn program() -> io::Result<PathBuf> {
     INVOCATION.get().map_or_else(env::current_exe, |own| Ok(own.program.clone()))
 }

@@ -1,4 +1,5 @@
-//! Lines of `magline ingest`: detected in each flight or read from a table, written as a table, and drawn.
+//! Lines of `magline ingest`: they are detected in each flight or read from a table, and can be written as a table and
+//! drawn.
 
 use std::{
     collections::BTreeSet,
@@ -62,7 +63,7 @@ impl LogLines {
         self.table.as_ref()
     }
 
-    /// Fault of the table: lines without a sample.
+    /// Fault of a table of lines that has lines without a sample; `None` if every line has samples.
     pub fn check<'a>(&self, written: impl Iterator<Item = (&'a str, &'a str)>) -> Option<Fault> {
         self.table.as_ref().and_then(|table| table.check(written).err())
     }
@@ -143,7 +144,7 @@ fn written(
     let default_path = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
     let Some(path) = args.write_lines.clone().or_else(default_path) else { return Ok(None) };
     let text = find_lines::csv(flights);
-    // The existing table may have been edited.
+    // An existing table is kept, because the user may have edited it.
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
     if other && !replace {
         let help = format!(

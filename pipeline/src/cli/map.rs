@@ -168,7 +168,7 @@ fn warn(text: &str) {
     print_to_stderr(&format!("warning: {text}"));
 }
 
-/// Runs the command. With `quiet`, it prints only errors and warnings.
+/// Runs the command. With `quiet`, the command prints only errors and warnings.
 pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
     super::QUIET.store(quiet, Ordering::Relaxed);
     match command {

@@ -20,8 +20,8 @@ const INTERVAL: Duration = Duration::from_secs(10);
 /// Minimum elapsed time for an estimate of the remaining time.
 const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
-/// Progress on standard error, or for another display, until it is dropped. All methods may be called from several
-/// threads concurrently.
+/// Progress display on standard error, or in another place, that ends when this value is dropped. All methods may be
+/// called from several threads concurrently.
 pub struct ProgressDisplay(Option<ProgressOutput>);
 
 struct ProgressOutput {
@@ -136,7 +136,7 @@ impl Drop for ProgressDisplay {
             bar.finish_and_clear();
         }
         if let Some(writer) = shown.writer.take() {
-            // The thread only writes; its failure is ignored.
+            // The thread only writes the display, so a failure of the thread is ignored.
             let _ = writer.join();
         }
     }
@@ -165,7 +165,7 @@ fn style(measured: bool) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Current stage and its start. Times since the start of the display are arguments; no clock is read.
+/// Current stage and its start. The methods read no clock: the time since the start of the display is an argument.
 #[derive(Debug, Default)]
 struct ProgressState {
     /// Prefix of each stage.
@@ -229,7 +229,7 @@ impl ProgressState {
         one_line(&text).into_owned()
     }
 
-    /// Estimated remaining time of the stage; `None` without a basis for an estimate.
+    /// Estimated remaining time of the stage; `None` if it cannot be estimated yet.
     fn left(&self, now: Duration) -> Option<Duration> {
         let passed = now.saturating_sub(self.begun);
         if self.done == 0 || self.done >= self.all || passed < KNOWN_AFTER {
@@ -239,7 +239,7 @@ impl ProgressState {
     }
 }
 
-/// Running trials of a search, and the best trial so far.
+/// Text with the running trials of a search and the best trial so far.
 fn within(rows: &[SearchTrial], trials: usize, best: Option<&SearchTrialScore>) -> String {
     let ends = rows.first().zip(rows.last()).map(|(first, last)| match (first.rung, first.trial == last.trial) {
         (1, true) => format!("trial {} of {trials}", first.trial),
@@ -360,7 +360,7 @@ mod tests {
         let progress = ProgressDisplay::lines(Duration::from_millis(5), kept.clone());
         progress.stage("computing track");
         progress.set(1, 4);
-        // The thread receives no messages while it waits, as during a stage of several minutes.
+        // No progress is reported during this wait, as in a stage that takes several minutes.
         let begun = Instant::now();
         while kept.0.lock().unwrap().is_empty() && begun.elapsed() < seconds(20) {
             std::thread::sleep(Duration::from_millis(2));

@@ -37,7 +37,7 @@ pub struct ReportArgs {
     line: Vec<String>,
 }
 
-/// The list of the figures.
+/// File that lists the figures with their captions.
 const CAPTIONS: &str = "captions.md";
 
 /// File format of a report.
@@ -116,7 +116,7 @@ pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason
 fn write_figures(folder: &Path, pipeline: &str, figures: &[FigureFile]) -> Result<(), Fault> {
     let failed = |e: io::Error| Fault::machine(format!("cannot write to {}: {e}", folder.display()));
     fs::create_dir_all(folder).map_err(failed)?;
-    // Only files that the list of an earlier report names are removed.
+    // Only files that are listed in the captions of an earlier report are removed.
     let list = folder.join(CAPTIONS);
     let earlier = fs::read_to_string(&list).unwrap_or_default();
     for name in earlier.lines().filter_map(|line| line.strip_prefix("**")?.split("**").next()) {

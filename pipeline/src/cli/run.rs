@@ -235,7 +235,7 @@ fn table_of(summary: &RunSummary) -> String {
     results::text::columns(&rows, 1) + &format!("\ntables are in {}\n", store::shown_below(&summary.folder))
 }
 
-/// The pooled scores of each table of scores, as wide as the terminal.
+/// The pooled scores of each table of scores as text, as wide as the terminal.
 fn scores_of(summary: &RunSummary) -> String {
     const ROWS: usize = 100;
     let width = console::Term::stdout().size_checked().map_or(score_table::WIDTH, |(_, columns)| usize::from(columns));

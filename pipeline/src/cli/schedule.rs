@@ -72,7 +72,7 @@ pub struct ScheduleTables {
 }
 
 impl ScheduleArgs {
-    /// Minimum age of a file.
+    /// Minimum age of a flight file; younger files are skipped.
     pub fn settle(&self) -> Option<Duration> {
         self.settle
     }
@@ -101,8 +101,8 @@ impl ScheduleArgs {
         }
     }
 
-    /// Takes the lock of a pipeline, then opens its store. The store thus holds results that another run has computed
-    /// meanwhile, and the plan includes new files.
+    /// Takes the lock of a pipeline, then opens its store. After a wait for the lock, the store thus holds the results
+    /// of the other run, and the plan includes new files.
     ///
     /// # Errors
     /// Fails if the spec is wrong, the store cannot be opened, or another run holds the lock.
@@ -186,7 +186,7 @@ static OVER: AtomicBool = AtomicBool::new(false);
 /// The message of a run that was stopped by its time limit.
 pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored; run the same command again to resume";
 
-/// Time limit of a run, in force until dropped.
+/// Time limit of a run, which ends when this value is dropped.
 pub struct RunTimeLimit {
     _running: mpsc::Sender<()>,
 }
@@ -211,7 +211,7 @@ impl Listener for ListenerPair<'_> {
     }
 }
 
-/// Listener that drops the event `Finished`, because the command continues.
+/// Listener that passes all events except `Finished`, because the command continues after the run.
 pub struct FinishFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for FinishFilter<'_> {
@@ -233,7 +233,8 @@ impl Listener for FinishFilter<'_> {
     }
 }
 
-/// Listener that passes only the progress of a second run, whose tables are not those of the first.
+/// Listener for a second run that passes only the progress, because the tables of the second run differ from those of
+/// the first.
 pub struct ProgressFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for ProgressFilter<'_> {

@@ -59,8 +59,8 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     confined(memory, args.output.as_deref(), |spill| write(args, memory, spill))
 }
 
-/// Runs `work` in a process with limited memory. The argument of `work` is the folder for temporary files; `output` is
-/// the file that it writes.
+/// Runs `work` in a process with limited memory. The argument of `work` is the folder for temporary files, and `output`
+/// is the file that `work` writes.
 pub fn confined(
     memory: usize,
     output: Option<&Path>,
@@ -72,7 +72,7 @@ pub fn confined(
         return guard::run(memory, folder.path(), unfinished);
     };
     guard::limit(memory);
-    // An interrupt does not wait for the many threads of a query.
+    // An interrupt ends the process without waiting for the threads of the query.
     let _ = ctrlc::set_handler(|| {
         temporary::remove_all();
         err!("interrupted");
@@ -114,7 +114,7 @@ fn write(args: &SqlArgs, memory: usize, spill: PathBuf) -> Result<(), ExitReason
     Ok(())
 }
 
-/// Runs a query. A panic of DataFusion becomes an error, for example the panic caused by a string that is too long for
+/// Runs a query. Turns a panic of DataFusion into an error. DataFusion panics, for example, if a string is too long for
 /// its offsets.
 pub fn answered(
     question: &StoreQuery,
@@ -170,7 +170,7 @@ impl BatchSink for RowLimiter {
     }
 }
 
-/// Writer of the first rows of a query result, which counts the other rows.
+/// Writer of the first rows of a query result; it counts the other rows.
 struct ScreenLimiter {
     answer: answer::AnswerWriter,
     left: usize,

@@ -78,7 +78,7 @@ pub struct TaskArgs {
     parent: Option<u32>,
 }
 
-/// The help of `task` on its exit status.
+/// The text about the exit status in the help of `task`.
 pub const STATUS_HELP: &str = "\
 Exit status:
   0    every unit has a result, or an error caused by the data; `magline run` reports that error too
@@ -206,7 +206,7 @@ pub fn print(receipt: &Receipt) {
     }
 }
 
-/// Input lines, one per task.
+/// Tasks as lines of text, from the arguments or from standard input.
 fn lines(args: &TaskArgs) -> Box<dyn Iterator<Item = Result<String, Fault>> + Send> {
     if !args.tasks.is_empty() {
         return Box::new(args.tasks.clone().into_iter().map(Ok));

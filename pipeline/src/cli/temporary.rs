@@ -54,7 +54,7 @@ impl Drop for TemporaryFile {
 pub struct TemporaryFolder {
     folder: TemporaryFile,
     base: PathBuf,
-    // Locked while the folder is used, so that other commands keep it.
+    // This file is locked while the folder is used, so that other commands do not remove the folder.
     _lock: File,
 }
 
@@ -72,7 +72,7 @@ impl TemporaryFolder {
             Ok(TemporaryFolder { folder: TemporaryFile::new(path), base, _lock: lock })
         };
         let failed = |e: io::Error| Fault::machine(format!("cannot make a folder in {}: {e}", temporary.display()));
-        // Another command that ends may remove the common folder.
+        // The attempt is repeated, because another command that ends may remove the common folder.
         make().or_else(|_: io::Error| make()).or_else(|_| make()).map_err(failed)
     }
 
@@ -85,7 +85,7 @@ impl TemporaryFolder {
 impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         remove(self.folder.path());
-        // Fails unless the base folder is empty.
+        // This has no effect unless the base folder is empty.
         let _ = fs::remove_dir(&self.base);
     }
 }
@@ -105,7 +105,8 @@ fn base(temporary: &Path) -> io::Result<PathBuf> {
     if ours(&plain) {
         return Ok(plain);
     }
-    // Another user owns that name. Use this user's earlier folder, or a new one with an unpredictable name.
+    // Another user owns the folder with this name. Use this user's earlier folder, or a new one with an unpredictable
+    // name.
     let start = format!("{name}-");
     let mut found = fs::read_dir(temporary)?.flatten().filter(|e| e.file_name().to_string_lossy().starts_with(&start));
     if let Some(known) = found.find(|e| ours(&e.path())) {
@@ -116,7 +117,7 @@ fn base(temporary: &Path) -> io::Result<PathBuf> {
 }
 
 fn remove(path: &Path) {
-    // The file may not exist; a failure to remove it is ignored.
+    // The file may be missing; a failure to remove it is ignored.
     let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
 }
 

@@ -187,7 +187,7 @@ pub fn verify(args: &StoreArgs) -> Result<(), ExitReason> {
     let tick = |i, all| progress.set(i, all);
     let mut found = match store {
         Ok(store) => scrub::scrub(&store, RECORD_CHECKS, &tick)?,
-        // A store on a read-only disk, or of another user.
+        // The store may be on a read-only disk, or may belong to another user.
         Err(fault) if !fault.owner.is_lasting() => scrub::scrub_read_only(root, RECORD_CHECKS, &tick)?,
         Err(fault) => return Err(fault.into()),
     };

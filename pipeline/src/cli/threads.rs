@@ -6,12 +6,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// Numbers of threads up to this one are accepted on every machine, so that scripts written for larger machines run.
+/// Every machine accepts up to this number of threads, so that scripts written for larger machines run.
 const ALWAYS: usize = 64;
 /// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;
 
-/// The cores of this machine that this process may use.
+/// Number of cores of this machine that this process may use.
 pub fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
 }

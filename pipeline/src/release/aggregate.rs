@@ -15,20 +15,23 @@ use store::Store;
 
 use super::protect::LineageColumn;
 
-/// Maximum number of points whose parameters are checked; with more, each value of an axis is checked.
+/// Maximum number of points whose parameters are checked one by one. With more points, each value of an axis is checked
+/// instead.
 const POINTS: usize = 1000;
 
-/// Numbers of samples of an aggregate.
+/// Numbers of samples from which an aggregate is computed.
 pub struct Aggregate {
-    /// Smallest number of samples from which a value is computed.
+    /// Smallest number of samples from which any of its values is computed.
     samples: i64,
     /// Smallest number of samples per published number, over all units.
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
-    /// Numbers of samples, for values that differ only in the samples from which they are computed.
+    /// For each group of values that differ only in the samples from which they are computed, the numbers of these
+    /// samples.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// Number of published numbers, and largest number of samples for one of them, for each line or set of lines.
+    /// For each line or set of lines, the number of published numbers, and the largest number of samples of one of
+    /// these numbers.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 
@@ -42,8 +45,8 @@ impl Aggregate {
     }
 }
 
-/// Numbers of samples of the small table `t`, which is made from `reached`; or the reason why the table is not an
-/// aggregate.
+/// The small table `t`, which is made from the columns `reached`, as an aggregate; or the reason why the table is not
+/// an aggregate.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -150,7 +153,7 @@ fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Opti
     None
 }
 
-/// Line of a unit, or its set of lines.
+/// The line of a unit or, for a survey stage, its set of lines.
 fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
     let line = |id: usize| graph.lines.get(id).map(|(flight, line)| format!("{flight}/{line}")).unwrap_or_default();
     match unit.line {
@@ -166,7 +169,8 @@ fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
 /// Checks aggregates that are published together.
 ///
 /// # Errors
-/// Fails if two values differ by fewer samples than the minimum, or there are more numbers than samples.
+/// Fails if the samples of two values differ by fewer than the minimum number, or if more numbers than samples would be
+/// published.
 pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     let least = all.iter().map(|(_, a)| a.least_samples).max().unwrap_or(0);
     let names = || all.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");

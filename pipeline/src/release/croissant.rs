@@ -8,7 +8,7 @@ use super::{
     words::address,
 };
 
-/// Media type of Parquet files in Croissant readers.
+/// Media type by which Croissant readers recognise Parquet files.
 const PARQUET: &str = "application/x-parquet";
 
 /// Context of the specification.
@@ -106,7 +106,7 @@ pub fn conditions(set: &ReleaseSet) -> String {
     format!("Restricted columns are included. {}.", reasons.collect::<Vec<_>>().join("; "))
 }
 
-/// Files of a table, and the set of them if there are several.
+/// Files of a table and, if there are several, the set of these files.
 fn distribution(table: &ReleaseTable) -> Vec<Value> {
     let mut found: Vec<Value> = table
         .files

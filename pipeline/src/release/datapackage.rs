@@ -51,14 +51,14 @@ pub fn write(set: &ReleaseSet) -> Value {
     out
 }
 
-/// Names of licences keep their case.
+/// Name of a licence with only the permitted characters; unlike other names, it keeps its case.
 fn slug_of_licence(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' }).collect()
 }
 
 fn resource(table: &ReleaseTable, file: &DataFile) -> Value {
     let mut words = vec![table.name.clone()];
-    // Two identifiers may have the same slug, but their spelling in the path differs.
+    // The spelling in the path is used, because two identifiers may have the same slug.
     let middle = file.path.strip_prefix("data/").and_then(|p| p.strip_suffix("/part-0.parquet"));
     words.extend(middle.into_iter().flat_map(|p| p.split('/').skip(1)).map(|p| {
         let value = p.split_once('=').map_or(p, |(_, value)| value);

@@ -13,7 +13,7 @@ use super::{
     words::{DICTIONARY, cannot},
 };
 
-/// Folder in progress, which is removed unless it gets its final name.
+/// Folder of a set in progress. It is removed unless it gets its final name.
 pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
@@ -27,7 +27,7 @@ enum DestinationContent {
     Other(String),
 }
 
-/// Whether a folder holds a published set and nothing else.
+/// Content of the folder at `path`; it counts as a set only if it holds a published set and nothing else.
 fn look(path: &Path) -> Result<DestinationContent, Fault> {
     let about = match fs::symlink_metadata(path) {
         Ok(about) => about,
@@ -90,7 +90,7 @@ impl FolderDraft {
     /// # Errors
     /// Fails if `to` holds files that must be kept, or the file system reports an error.
     pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
-        // Whether the set equals an existing set can be checked only when it is complete.
+        // An existing set is accepted here: only the complete set can be compared with it.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
         let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid folder name", to.display())))?;
@@ -138,7 +138,7 @@ impl FolderDraft {
                 }
                 fs::remove_dir_all(&old).map_err(|e| cannot("remove", &old, &e))?;
             }
-            // The renaming replaces an empty folder.
+            // The renaming also replaces an empty folder.
             DestinationContent::Nothing | DestinationContent::Other(_) => {
                 if let Err(e) = fs::rename(&self.path, &self.to) {
                     // Another program may have put its set there in the meantime.
@@ -156,7 +156,7 @@ impl FolderDraft {
     }
 }
 
-/// Checks that a set may be put at `to`: an existing set needs `--replace`, unless it turns out to be equal.
+/// Checks that a set may be put at `to`: an existing set requires `replace`.
 fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
     match look(to)? {
         DestinationContent::Nothing => Ok(()),
@@ -185,7 +185,7 @@ fn sync(folder: &Path) -> io::Result<()> {
 
 impl Drop for FolderDraft {
     fn drop(&mut self) {
-        // A settled folder was renamed, so nothing is removed; an unsettled folder is temporary.
+        // A completed folder was renamed, so nothing is removed here; an incomplete folder is temporary.
         let _ = fs::remove_dir_all(&self.path);
     }
 }

@@ -109,7 +109,7 @@ pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted:
     for file in files {
         let shown = match &file.relative {
             Some(parts) => parts.join("/"),
-            // An absolute path of this machine has no meaning elsewhere.
+            // Only the file name is shown, because an absolute path of this machine has no meaning elsewhere.
             None => file.path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
         };
         let included = if include { file.relative.as_ref().and_then(|parts| place.at(parts)) } else { None };
@@ -121,7 +121,7 @@ pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted:
             }
         }
         let mut hasher = blake3::Hasher::new();
-        // The copy is described, so that copy and description agree.
+        // If the file was copied, the copy is hashed, so that the copy and its description agree.
         let from = included.as_ref().map_or(file.path.clone(), |to| root.join(to));
         let sum = checksums::of_file(&from, |read| {
             hasher.update(read);
@@ -144,7 +144,7 @@ fn write(to: &Path, bytes: &[u8]) -> Result<(), Fault> {
     made.and_then(|()| fs::File::open(to)?.sync_all()).map_err(|e| cannot("write", to, &e))
 }
 
-/// Position of the spec's folder in a set, such that the relative paths in the spec are valid.
+/// Position of the spec's folder in a set, chosen so that the relative paths in the spec stay valid.
 #[derive(Default)]
 struct SpecFolder {
     /// Folders from the outermost one with an input to the folder of the spec.

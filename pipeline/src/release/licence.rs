@@ -35,8 +35,8 @@ pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
 /// Maximum size of the text of a licence, in bytes.
 const LONGEST: u64 = 1 << 20;
 
-/// Text of the licence in `file`, from the spec's folder `folder`. Because the text is published, the file must be
-/// inside that folder and must not be reached by a link.
+/// Text of the licence in `file`, a path relative to the spec's folder `folder`. Because the text is published, the
+/// file must be inside that folder and must not be reached by a link.
 ///
 /// # Errors
 /// Fails for a path that leads out of the folder, or for a file that is missing, too large, or not text.

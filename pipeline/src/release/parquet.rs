@@ -29,7 +29,7 @@ use super::{
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
 
-/// Writer name in Parquet files, without a version, so that files differ only in their rows.
+/// Name of the writer in Parquet files. It has no version, so that files differ only in their rows.
 const WRITER: &str = "magline";
 
 /// File in progress.
@@ -71,8 +71,8 @@ impl<'a> ReleaseFileWriter<'a> {
         Ok(())
     }
 
-    /// Writes the first `rows` waiting rows as a row group. Its bytes do not depend on the batches in which the rows
-    /// arrived.
+    /// Writes the first `rows` waiting rows as a row group. The bytes of the group do not depend on the batches in
+    /// which the rows arrived.
     fn group(&mut self, rows: usize) -> Result<(), Fault> {
         let fail = |e: &dyn std::fmt::Display| cannot("write", self.path, e);
         let all = concat_batches(&self.schema, &self.waiting).map_err(|e| fail(&e))?;
@@ -191,7 +191,7 @@ fn kind(kind: &DataType) -> ColumnKind {
     }
 }
 
-/// Takes the values of a column into account.
+/// Adds the values of a column to its statistics.
 pub fn count(values: &mut ColumnValueStatistics, array: &ArrayRef) {
     let mut number = |x: f64| {
         if x.is_finite() {

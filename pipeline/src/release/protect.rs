@@ -3,7 +3,7 @@
 //!
 //! The lineage of columns is followed from each column to be published. It ends at tables of scores and models that are
 //! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are not aggregates. Maps and
-//! flight lines are never aggregates, at any distance from the restricted column.
+//! flight lines are never aggregates, however many steps lie between them and the restricted column.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
@@ -23,7 +23,7 @@ use super::{
 /// Identifiers of a line, which are columns of every table and score.
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
-/// Remedy when restricted data would be published.
+/// Help text for a request that would publish restricted data.
 const HELP: &str = "publish only tables that do not carry restricted columns row by row, for example scores or models; \
                     or, if you have the right to publish the restricted columns, use `--include-restricted`: the \
                     published set then states the restrictions";
@@ -38,8 +38,7 @@ pub struct Lineage<'a> {
     /// Columns that the stage of each table reads, which may affect all columns it makes.
     reads: HashMap<String, Vec<LineageColumn>>,
     sources: HashMap<&'a str, &'a ProtectionKeys>,
-    /// Small tables that depend on restricted columns, each with its numbers of samples, or with the reason why it is
-    /// not an aggregate.
+    /// Small tables that depend on restricted columns. Each is an aggregate, or has the reason why it is not one.
     aggregates: HashMap<String, Result<Aggregate, String>>,
 }
 
@@ -64,7 +63,7 @@ impl<'a> Lineage<'a> {
         let stages = described(graph).into_iter().map(|t| (t.name.clone(), t)).collect();
         let sources = plan.spec.tables.iter().map(|t| (t.name.as_str(), &t.protection)).collect();
         let mut lineage = Lineage { stages, reads, sources, aggregates: HashMap::new() };
-        // Each table comes after its inputs, so that the aggregates among the inputs are known.
+        // Tables are visited after their inputs, so that the aggregates among the inputs are known.
         for (t, node) in plan.tables.iter().enumerate().filter(|(_, node)| node.is_small()) {
             let reached = lineage.reached(&node.name);
             let strictest = reached.iter().filter_map(|column| lineage.restricted(column)).collect::<Vec<_>>();
@@ -76,7 +75,7 @@ impl<'a> Lineage<'a> {
         Ok(lineage)
     }
 
-    /// All columns upstream of a table, up to the aggregates among them.
+    /// All columns upstream of a table, followed until an aggregate is reached.
     fn reached(&self, table: &str) -> HashSet<LineageColumn> {
         let mut waiting = self.reads.get(table).cloned().unwrap_or_default();
         let mut seen = HashSet::new();
@@ -243,7 +242,7 @@ pub fn chain(held: &RestrictedReleaseColumn) -> String {
     held.through.join(" <- ")
 }
 
-/// Fault of publishing restricted columns.
+/// Fault for a request that would publish restricted columns.
 pub fn refused(held: &[RestrictedReleaseColumn]) -> Fault {
     const SHOWN: usize = 10;
     let mut what = "this would publish restricted data".to_owned();

@@ -128,12 +128,12 @@ pub fn write(set: &ReleaseSet) -> Value {
         "conformsTo": { "@id": "https://w3id.org/ro/crate/1.1" }, "about": { "@id": "./" },
     });
     let all: Vec<Value> = [descriptor, root].into_iter().chain(graph).collect();
-    // The context of RO-Crate 1.1 is older than schema.org's term for checksums.
+    // The context of RO-Crate 1.1 lacks schema.org's term for checksums, which is newer.
     let context = json!(["https://w3id.org/ro/crate/1.1/context", { "sha256": "https://schema.org/sha256" }]);
     json!({ "@context": context, "@graph": all })
 }
 
-/// References to entities; a single reference is not a list.
+/// References to entities: a list, or an object if there is only one.
 fn refer(ids: &[String]) -> Value {
     match ids {
         [one] => json!({ "@id": one }),

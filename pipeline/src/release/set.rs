@@ -97,7 +97,7 @@ pub struct Licence {
     pub url: String,
     /// Whether the name is an SPDX identifier.
     pub spdx: bool,
-    /// Whether the file `LICENSE` holds its text, and not only its name and address.
+    /// Whether the file `LICENSE` holds the text of the licence, and not only its name and address.
     pub text: bool,
 }
 
@@ -112,11 +112,11 @@ pub struct ReleaseTable {
     pub stage: Option<String>,
     /// Description of the stage.
     pub description: String,
-    /// Axes of the sweep, which are columns.
+    /// Axes of the sweep, which are columns of the table.
     pub axes: Vec<String>,
     /// Columns by which the rows of each file ascend.
     pub sorted_by: Vec<String>,
-    /// Names of the keys in folder names, which readers of hive partitions add as columns.
+    /// Keys in the names of the folders. Readers of hive partitions add these keys as columns.
     pub partitions: Vec<String>,
     /// Number of rows.
     pub rows: u64,
@@ -236,7 +236,7 @@ pub struct RestrictedReleaseColumn {
     pub column: String,
     /// Columns on the way from this column to the restricted column, as `table.column`.
     pub through: Vec<String>,
-    /// Rule that prevents the table of one of these columns from counting as an aggregate.
+    /// Rule because of which a table on the way does not count as an aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
     /// Reason of the restriction.
@@ -265,7 +265,8 @@ pub struct ReleaseLockfile {
     pub format: String,
     /// The version of magline.
     pub magline: String,
-    /// Processor, and identifier of its floating-point results; empty in sets of versions that did not record them.
+    /// Processor, and identifier of its floating-point results; empty in sets made by versions that did not record
+    /// them.
     #[serde(default)]
     pub arithmetic: String,
     /// The pipeline.

@@ -1,8 +1,9 @@
 //! Rows of a published table, copied from the store into the order and the files of a set.
 //!
-//! Flight lines become one file per line, in folders by flight and line; other tables become one file. The folders'
-//! keys are `flight_id` and `line_id`, with a word before each identifier. Otherwise readers of hive partitions would
-//! read `line=1003.10` as the number 1003.1, and would reject a column of another type under the same name in the file.
+//! Flight lines become one file per line, in folders by flight and line; other tables become one file. The keys in the
+//! folder names are `flight_id` and `line_id`, and a word precedes each identifier. With a name such as `line=1003.10`,
+//! readers of hive partitions would read the number 1003.1, and would reject the column `line` of the file, which has
+//! another type.
 
 use std::{cmp::Ordering, collections::BTreeMap, path::Path, sync::Arc};
 
@@ -26,7 +27,7 @@ use super::{
 /// Keys of the folders of a table of flight lines.
 const PARTITIONS: [&str; 2] = ["flight_id", "line_id"];
 
-/// Position of rows that share a key: a part of a row group.
+/// Successive rows with the same key: a part of a row group.
 struct RowGroupSlice {
     file: usize,
     group: usize,
@@ -66,7 +67,7 @@ impl SortKeyValue {
         }
     }
 
-    /// Whether the value equals the value of a row; copies no value.
+    /// Whether this value equals the value in a row. The comparison copies no value.
     fn is(&self, array: &ArrayRef, row: usize) -> bool {
         match self {
             SortKeyValue::Text(text) => {
@@ -277,7 +278,7 @@ pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> 
         let mut lines: BTreeMap<(Option<String>, Option<String>), Vec<RowGroupSlice>> = BTreeMap::new();
         pieces.into_iter().for_each(|p| lines.entry(key(&p)).or_default().push(p));
         for ((flight, line), mut pieces) in lines {
-            // Rows of equal keys stay in their order, which is the order of time.
+            // The sort is stable: rows with equal keys stay in the order of time.
             pieces.sort_by(|a, b| in_order(&a.axes, &b.axes));
             let (flight, line) = (flight.unwrap_or_default(), line.unwrap_or_default());
             let path = line_path(&node.name, &flight, &line);

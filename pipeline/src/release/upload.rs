@@ -1,7 +1,7 @@
 //! Published set at an address of an object store: the set is written to a folder first, and the folder is then copied.
 //!
-//! `SHA256SUMS` is written last, and removed before another set replaces the first. Verification thus finds a complete
-//! set, or none.
+//! `SHA256SUMS` is written last. Before one set replaces another, the old list is removed first. Verification thus
+//! finds a complete set, or none.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -59,7 +59,7 @@ fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>,
     if !is_set {
         return Err(other("contains objects that are not a published set".to_owned()));
     }
-    // An interrupted replacement leaves no list; all files are then written again.
+    // After an interrupted replacement there is no list, and all files are written again.
     let sums = checksums::read(&sums).unwrap_or_default();
     let foreign = there.iter().find(|name| *name != checksums::NAME && !sums.is_empty() && !sums.contains_key(*name));
     match foreign {

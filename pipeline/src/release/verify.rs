@@ -33,7 +33,7 @@ impl ReleaseVerification {
         self.faults.push((file.to_owned(), why.into()));
     }
 
-    /// Removes all later faults of a file after the fault that the file is missing.
+    /// For a missing file, keeps only the fault that the file is missing.
     fn merge(&mut self) {
         let mut missing = BTreeSet::new();
         self.faults.retain(|(file, why)| !missing.contains(file) && (why != MISSING || missing.insert(file.clone())));
@@ -43,8 +43,8 @@ impl ReleaseVerification {
 /// Reason reported for a missing file.
 const MISSING: &str = "it is missing";
 
-/// Checks the set in the folder `root`: checksums, files, every value of every table, and the agreement of the
-/// documents with these.
+/// Checks the set in the folder `root`: checksums, files, every value of every table, and whether the documents agree
+/// with these data.
 ///
 /// # Errors
 /// Fails if there is no published set, or the folder cannot be read.
@@ -98,7 +98,7 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| format!("it is unreadable: {e}"))
 }
 
-/// Maximum size of a file whose size no document lists, in bytes.
+/// Maximum size, in bytes, of a file whose size is not listed in any document.
 const DOCUMENT: u64 = 256 << 20;
 
 /// Size of each file as listed in the documents, in bytes.
@@ -190,7 +190,7 @@ fn listed(set: &ReleaseSet, there: &[String], found: &mut ReleaseVerification) {
     }
 }
 
-/// Contents of the files of a table.
+/// Findings about the files of a table, collected during verification.
 struct TableVerification {
     faults: Vec<(String, String)>,
     rows: u64,

@@ -27,7 +27,7 @@ use store::pulled;
 use super::parameters;
 use crate::deep;
 
-/// Maximum number of threads that compute a query, and of threads that wait for its files.
+/// Maximum number of threads that compute a query, and number of threads that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
 /// Memory of a query that its operators do not count, such as batches in transit, in bytes.
@@ -59,7 +59,7 @@ pub struct QueryRequest {
 pub struct QueryHeader {
     /// Columns: an IPC stream in base64.
     pub columns: String,
-    /// Open parameters, also as an IPC stream in base64.
+    /// Parameters without a value, also as an IPC stream in base64.
     pub parameters: String,
     /// Versions of the tables.
     pub pins: VersionPins,
@@ -70,7 +70,7 @@ pub struct QueryHeader {
 pub struct QueryFailure {
     /// The message.
     pub text: String,
-    /// Whether the query is invalid, as opposed to a fault of the machine.
+    /// Whether the query itself is invalid; otherwise the machine failed.
     pub lasting: bool,
 }
 
@@ -166,7 +166,7 @@ pub fn read(text: &str) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowError> {
     unpacked(&bytes)
 }
 
-/// Columns as they are sent: without dictionaries.
+/// Columns in the form in which they are sent, without dictionaries.
 fn plain(schema: &Schema) -> Schema {
     let one = |field: &arrow_schema::FieldRef| match field.data_type() {
         DataType::Dictionary(_, values) => {
@@ -180,14 +180,14 @@ fn plain(schema: &Schema) -> Schema {
 /// Answers the request on standard input; an invalid request is reported in the answer.
 ///
 /// # Errors
-/// Fails if the answer has no reader.
+/// Fails if nobody reads the answer.
 pub fn answer() -> Result<(), Fault> {
     let lost = |e: std::io::Error| Fault::machine(format!("the server has ended: {e}"));
     confine::end_with_parent();
     let mut text = String::new();
     stdin().read_to_string(&mut text).map_err(lost)?;
     let question: QueryRequest = serde_json::from_str(&text).map_err(|e| Fault::bug(format!("no question: {e}")))?;
-    // The output is not line-buffered.
+    // The file bypasses the line buffer of standard output.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
     // A string that is too long for DataFusion's offsets causes a panic of DataFusion.
@@ -211,7 +211,7 @@ fn answered(question: &QueryRequest, send: &mut QueryChunkSink) -> Result<(), Fa
     runtime.worker_threads(threads).max_blocking_threads(FILE_THREADS).thread_stack_size(WORKER_STACK).enable_all();
     let runtime = runtime.build().map_err(|e| Fault::machine(format!("cannot start threads: {e}")))?;
     deep::deep(|| {
-        // The stacks of later threads are added to this limit.
+        // The limit includes the stacks of the threads that are started later.
         confine::limit_memory(question.most + FILE_THREADS * WORKER_STACK)?;
         runtime.block_on(rows(question, send))
     })?

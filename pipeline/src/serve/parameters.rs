@@ -17,7 +17,7 @@ use schemas::Fault;
 /// Returns `query` with `$1`, `$2`, ... for each parameter `?`, in the order of the text.
 ///
 /// # Errors
-/// Fails if both forms are used.
+/// Fails if the query contains both `?` and numbered or named parameters.
 pub fn numbered(query: &str) -> Result<String, Fault> {
     if !query.contains('?') {
         return Ok(query.to_owned());
@@ -54,7 +54,7 @@ fn number(name: &str) -> Option<usize> {
     name.strip_prefix('$')?.parse().ok()
 }
 
-/// Parameters of a plan without a value, in their order; an unknown type is `Null`.
+/// Parameters of a plan that have no value yet, in their order; a parameter of unknown type has the type `Null`.
 pub fn open(plan: &LogicalPlan) -> Schema {
     let types = plan.get_parameter_types().unwrap_or_default();
     let mut found: Vec<(String, Option<DataType>)> = types.into_iter().collect();
@@ -88,10 +88,11 @@ pub fn valued(open: &Schema) -> Result<(), Fault> {
     Err(fault.help("prepare the query, and bind one row of values"))
 }
 
-/// Values of the one row of `values` for the open parameters of `plan`: numbered ones by position, others by name.
+/// Values for the open parameters of `plan`, from the only row of `values`. Numbered parameters are matched by
+/// position, other parameters by name.
 ///
 /// # Errors
-/// Fails if they differ from the parameters of the plan.
+/// Fails if the columns of `values` do not match the open parameters.
 pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, Fault> {
     let open = open(plan);
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();

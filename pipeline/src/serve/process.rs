@@ -76,7 +76,7 @@ struct QueryProcess {
     ended: Option<Status>,
 }
 
-/// Guard that counts a waiting query.
+/// Guard that ends the count of a waiting query when it is dropped.
 struct QueueGuard<'a>(&'a AtomicUsize);
 
 impl Drop for QueueGuard<'_> {
@@ -124,7 +124,7 @@ impl QueryProcessPool {
     /// Fails if the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
-        // The slot and the memory of the process are free once it has ended.
+        // The process is read to its end, because only then its slot and its memory are free.
         while let Some(piece) = reader.next().await {
             piece?;
         }
@@ -149,7 +149,7 @@ impl QueryProcessPool {
         let (own, question) = (spool.clone(), self.question(asked, rows));
         self.0.runtime.spawn_blocking(move || {
             let end = this.computed(number, &question, &own, head_sender);
-            // Other queries may run while a slow client reads.
+            // The slot is released now, so that other queries may run while a slow client reads.
             drop(permit);
             own.end(end);
         });
@@ -205,7 +205,7 @@ impl QueryProcessPool {
         let mut child = command.spawn().map_err(machine)?;
         self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
         let read = self.read(&mut child, question, spool, head_sender);
-        // From here on, no signal is sent to the process, because after the wait its number may belong to another
+        // From here on, no other thread sends a signal to the process: after `wait`, its id may belong to another
         // process.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
         let _ = child.kill();

@@ -39,7 +39,7 @@ pub struct PlannedQuery {
     asked: QueryInput,
     /// Columns.
     pub schema: SchemaRef,
-    /// Parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
+    /// Parameters that have no value yet, in order of position. A parameter of unknown type has the type `Null`.
     pub parameters: SchemaRef,
 }
 
@@ -50,7 +50,7 @@ struct PreparedStatement {
     parameters: Option<RecordBatch>,
 }
 
-/// Pipeline, the version that its link refers to, and the time and size of that version.
+/// Pipeline, target of its link (a version), and time and size of that version.
 type PipelineLink = (String, PathBuf, Option<(SystemTime, u64)>);
 
 /// Tables of a store at one time, shared by queries until the next publication.
@@ -68,8 +68,8 @@ struct ServedTables {
 }
 
 impl ServedTables {
-    /// Versions to which the links of the pipelines point. After a removal, the versions of a pipeline are numbered
-    /// from 1 again, so a number alone does not identify a version.
+    /// Versions to which the links of the pipelines point. If a pipeline is removed and run again, its versions are
+    /// numbered from 1 again, so a number alone does not identify a version.
     fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
         let entries = std::fs::read_dir(&tables).into_iter().flatten().flatten();
@@ -91,13 +91,13 @@ impl ServedTables {
     fn session(&self) -> Result<Arc<SqlSession>, Fault> {
         pulled(&self.store)?;
         let links = self.links();
-        // One query opens the tables; concurrent queries wait for it.
+        // The first query opens the tables; concurrent queries wait for it.
         let mut seen = locked(&self.seen);
         if let Some(seen) = seen.as_ref().filter(|seen| seen.links == links) {
             return Ok(seen.session.clone());
         }
         let session = Arc::new(SqlSession::new(&self.store, self.memory, &self.spill)?);
-        // A run may publish while they are opened; the next query then opens them again.
+        // If a run publishes while the tables are opened, the next query opens them again.
         *seen = Some(StoreTablesSnapshot { links, session: session.clone() });
         Ok(session)
     }
@@ -205,7 +205,7 @@ impl QueryRegistry {
     /// Plan of a handle. A plan may be requested repeatedly and gives the same rows each time.
     ///
     /// # Errors
-    /// Fails if it was dropped.
+    /// Fails if the plan was dropped.
     pub fn planned(&self, handle: &[u8]) -> Result<Arc<PlannedQuery>, Status> {
         let found = self.read(handle).and_then(|number| locked(&self.planned).get(&number).map(|(_, p)| p.clone()));
         found.ok_or_else(|| gone("the result"))
@@ -255,7 +255,8 @@ impl QueryRegistry {
         parameters::valued(&planned.parameters).map_err(|fault| fault_status(&fault))
     }
 
-    /// Answers a plan: the chunks as they are computed, then their end. An answer that stops earlier is an error.
+    /// Answers a plan: the chunks as they are computed, then their end. An answer that stops without this end is an
+    /// error.
     ///
     /// # Errors
     /// Fails if too many queries are in progress for too long, or the query cannot be started.

@@ -11,7 +11,7 @@ use schemas::{Fault, canonical::FlightConversion, flight};
 
 use super::text::InitSource;
 
-/// Length of the running mean from which manoeuvres deviate, in seconds.
+/// Length of the running mean of the direction, in seconds; manoeuvres are deviations from this mean.
 const MEAN_S: f64 = 10.0;
 /// An aircraft counts as flying above this ground speed, in m/s.
 const FLYING_M_S: f64 = 3.0;
@@ -25,7 +25,8 @@ pub struct LineFinding {
     pub first_tt: f64,
     pub last_tt: f64,
     pub rate_hz: Option<f64>,
-    /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], in degrees.
+    /// Root mean square deviation of the direction of the first vector magnetometer from its running mean over
+    /// [`MEAN_S`], in degrees.
     pub swing_deg: Option<f64>,
     /// First and last time with a ground speed above [`FLYING_M_S`].
     pub flying: Option<(f64, f64)>,

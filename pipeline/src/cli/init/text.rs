@@ -29,7 +29,7 @@ pub struct InitText<'a> {
     pub name: String,
     /// The path of the log in the spec.
     pub log: String,
-    /// The file of the log's own mapping.
+    /// The file of the suggested mapping.
     pub mapping: Option<String>,
     pub source: &'a InitSource,
     pub found: &'a LogFindings,
@@ -37,12 +37,13 @@ pub struct InitText<'a> {
     pub map: Option<String>,
     /// Whether the spec navigates on the map.
     pub navigates: bool,
-    /// Name and text of the table of lines of a log without a scalar magnetometer.
+    /// Name and text of the file of lines that is written for a log without a scalar magnetometer.
     pub lines: Option<(String, String)>,
     pub questions: Vec<String>,
 }
 
-/// A line has manoeuvres if the direction of the vector magnetometer changes by more than this, in degrees.
+/// A line has manoeuvres if the direction of the vector magnetometer deviates from its running mean by at least this,
+/// as a root mean square, in degrees.
 const MANOEUVRE_DEG: f64 = 1.0;
 /// Minimum number of samples of a calibration line: the ends are trimmed, and 18 terms are fitted.
 const CALIBRATION_ROWS: usize = 200;
@@ -83,7 +84,7 @@ impl InitText<'_> {
 
     /// The calibration line: the line whose vector magnetometer turns most.
     fn calibration<'a>(&'a self, table: &'a TableFindings) -> Option<(&'a (String, String), &'a LineFinding)> {
-        // The angles are from the table with a vector magnetometer.
+        // The changes of direction are known for the lines of the table with a vector magnetometer.
         let table = self.inputs().into_iter().find(|t| !t.vectors.is_empty()).unwrap_or(table);
         let long = table.lines.iter().filter(|(_, l)| l.rows >= CALIBRATION_ROWS);
         let swung = long.filter(|(_, l)| l.swing_deg.is_some_and(|x| x >= MANOEUVRE_DEG));
@@ -278,7 +279,7 @@ fn sql(text: &str) -> String {
     text.replace('\'', "''").replace('$', "$$")
 }
 
-/// A comment with the other candidates.
+/// A comment that names the chosen candidate and the others.
 fn listed(what: &str, names: &[String]) -> String {
     match names {
         [] => String::new(),
@@ -287,7 +288,8 @@ fn listed(what: &str, names: &[String]) -> String {
     }
 }
 
-/// A rate as a user would write it: a whole number if the rate is within 2 per cent of it, otherwise three digits.
+/// A rate as a user would write it: a whole number if the rate is within 2 per cent of a whole number, otherwise three
+/// digits.
 fn rounded(hz: f64) -> f64 {
     let whole = hz.round();
     if whole >= 1.0 && (hz / whole - 1.0).abs() < 0.02 {

@@ -20,7 +20,7 @@ pub trait FlagStage: Stage + Clone {
     const OWN: &'static [&'static str] = &[];
 }
 
-/// Other names of a flag, and the value of the flag when it is given without a value.
+/// Other names of a flag, and the value that the flag has when it is given without a value.
 pub struct FlagSpelling {
     /// The parameter.
     param: &'static str,
@@ -132,7 +132,7 @@ fn arg<S: FlagStage>(param: &ParamDoc) -> Arg {
     let arg = spelling.map_or(arg.clone(), |s| arg.visible_aliases(s.names.iter().copied()));
     match spelling.and_then(|s| s.bare) {
         Some(bare) => arg.num_args(0..=1).default_missing_value(bare),
-        // The word after such a flag is the next argument, not its value.
+        // The word after a Boolean flag is the next argument, not the value of the flag.
         None if param.type_name == "boolean" => arg.num_args(0..=1).default_missing_value("true").require_equals(true),
         None => arg,
     }
@@ -146,12 +146,12 @@ fn literal(text: &str, param: &ParamDoc) -> Literal {
     };
     match param.type_name {
         "text" => {
-            // Words in a command may have dashes.
+            // A word such as `a_b` may be written `a-b` in a command.
             let word = text.replace('-', "_");
             Literal::Text(if words(param).contains(&word.as_str()) { word } else { text.to_owned() })
         }
         "boolean" => text.parse().map_or(Literal::Text(text.to_owned()), Literal::Bool),
-        // A list in the form of a spec is accepted too.
+        // A list in brackets, as in a spec, is accepted too.
         "list" => {
             let inside = text.trim().strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
             Literal::List(inside.split(',').map(|one| number(one.trim())).collect())

@@ -136,8 +136,8 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: MapGridProgress) -> Result<(
     Ok((all, far.len()))
 }
 
-/// Adds the points of another file. Lines with equal names are merged. If their types differ, the name of the second
-/// line gets the letter of its type as a prefix.
+/// Adds the points of another file. Lines with equal names are merged. If their types differ, they stay separate: the
+/// name of the second line gets the letter of its type as a prefix.
 fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     let places: Vec<u32> =
         more.lines.iter().zip(&more.types).map(|(name, kind)| place(all, name.clone(), *kind) as u32).collect();
@@ -149,7 +149,7 @@ fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     all.height_m.extend(more.height_m);
     all.value_nt.extend(more.value_nt);
     all.row.extend(more.row);
-    // Columns that are missing from any of the files are dropped.
+    // An additional column is kept only if all files have it.
     let both = |a: &mut Option<Vec<f64>>, b: Option<Vec<f64>>| match (a.as_mut(), b) {
         (Some(a), Some(b)) => a.extend(b),
         _ => *a = None,

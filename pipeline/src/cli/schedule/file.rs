@@ -43,7 +43,7 @@ pub fn write(path: &Path, text: &str) -> io::Result<()> {
     let written = File::create(&tmp).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
     let written = written.and_then(|()| fs::rename(&tmp, path));
     if written.is_err() {
-        // The file may not exist.
+        // The file may be missing, so an error is ignored.
         let _ = fs::remove_file(&tmp);
     }
     written

@@ -21,9 +21,9 @@ use crate::cli::say::err;
 const REQUEST: Duration = Duration::from_secs(5);
 /// Delay between two attempts.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// Sending ends after this number of consecutive unsent events.
+/// After this number of consecutive failures, no more events are sent.
 const ENOUGH: usize = 3;
-/// Maximum time for which a run that ends waits for unsent events.
+/// Maximum time that a run waits at its end for events to be sent.
 const FLUSH: Duration = Duration::from_secs(15);
 /// Path of the events below the address of a server.
 const ENDPOINT: &str = "/api/v1/lineage";
@@ -34,7 +34,7 @@ enum LineageTarget {
     Http { url: Url, agent: Box<ureq::Agent>, key: Option<String> },
 }
 
-/// Sender of OpenLineage events: a thread that keeps their order.
+/// Sender of OpenLineage events, which are delivered in order by one thread.
 pub struct LineageSink {
     sender: Mutex<Option<mpsc::Sender<Value>>>,
     done: Mutex<mpsc::Receiver<()>>,
@@ -51,7 +51,7 @@ impl LineageSink {
         let (done, over) = mpsc::channel();
         std::thread::spawn(move || {
             deliver(&target, &events);
-            // The waiting thread may have ended.
+            // The thread that waits for this message may have ended.
             let _ = done.send(());
         });
         Ok(LineageSink { sender: Mutex::new(Some(sender)), done: Mutex::new(over) })
@@ -159,7 +159,7 @@ fn post(agent: &ureq::Agent, url: &Url, key: Option<&str>, text: &str) -> Result
     if let Some(key) = key {
         request = request.header("Authorization", format!("Bearer {key}"));
     }
-    // A redirect is not followed, because the key is for this server only.
+    // Redirects are not followed, because the key must be sent to this server only.
     match request.send(text)?.status() {
         status if status.is_success() => Ok(()),
         status => Err(ureq::Error::StatusCode(status.as_u16())),

@@ -23,14 +23,14 @@ fn family(out: &mut String, name: &str, help: &str, samples: impl IntoIterator<I
     }
 }
 
-/// Time of the last success of a pipeline in the existing file.
+/// Time of the last success of a pipeline, as recorded in the existing file.
 fn before(path: &Path, labels: &str) -> Option<f64> {
     let text = fs::read_to_string(path).ok()?;
     let start = format!("{SUCCESS}{{{labels}}} ");
     text.lines().find_map(|line| line.strip_prefix(&start)?.trim().parse().ok())
 }
 
-/// Metrics of a run, which replace the metrics at `path`.
+/// Metrics of a run as text. The text is to replace the file at `path`.
 pub fn text(state: &RunWatchState, end: &RunEnd, path: &Path) -> String {
     let pipeline = format!("pipeline={}", quoted(state.pipeline.as_deref().unwrap_or_default()));
     let of = |table: &str| format!("{pipeline},table={}", quoted(table));

@@ -70,7 +70,7 @@ pub struct RunEnd<'a> {
     pub status: RunStatus,
     /// Message for the user.
     pub error: Option<String>,
-    /// Summary of the run; `None` if the run ended before it had one.
+    /// Summary of the run; `None` if the run ended without a summary.
     pub summary: Option<&'a RunSummary>,
 }
 
@@ -96,7 +96,7 @@ pub struct RunWatchState {
     pub store: Option<String>,
     /// Hash of the computation and its data.
     pub run: Option<String>,
-    /// The outcome and the seconds of each table that is done.
+    /// The outcome of each finished table, and its duration, in seconds.
     pub tables: Vec<(String, OutcomeCounts, f64)>,
     /// Holder of the lock, if another run holds it.
     pub held: Option<ForeignLock>,
@@ -207,7 +207,7 @@ impl RunWatch {
         self.over(&RunEnd { status, error, summary });
     }
 
-    /// Records that the process ends with `status` before the run does.
+    /// Records that the process ends with `status` before the end of the run.
     pub fn cut(&self, status: u8) {
         let (status, error) = if status == OUT_OF_TIME {
             (RunStatus::OutOfTime, super::STOPPED)
@@ -232,7 +232,7 @@ impl RunWatch {
             let text = serde_json::to_string_pretty(&summary::json(&state, end)).unwrap_or_default() + "\n";
             saved(path, &text);
         }
-        // The run that holds the lock writes its own metrics.
+        // If another run holds the lock, no metrics are written: the other run writes its own.
         if let Some(path) = metrics.as_ref().filter(|_| end.status != RunStatus::Locked) {
             saved(path, &metrics::text(&state, end, path));
         }
@@ -274,7 +274,7 @@ impl RunWatch {
         if !state.ended_tables.insert(name.to_owned()) {
             return;
         }
-        // An interrupt skips units without counting them.
+        // Units that an interrupt skips are in none of the counts.
         let aborted = run::INTERRUPTED.load(std::sync::atomic::Ordering::Relaxed);
         let bad = count.failed + count.skipped;
         let all = bad + count.computed + count.reused;

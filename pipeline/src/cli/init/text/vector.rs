@@ -15,8 +15,8 @@ pub struct VectorOnly {
 }
 
 impl InitText<'_> {
-    /// Calibration of a log without a scalar magnetometer; `None` if it has one, or lacks one of
-    /// [`vector_needs`](Self::vector_needs).
+    /// Calibration of a log without a scalar magnetometer. `None` if the log has a scalar magnetometer, or if
+    /// [`vector_needs`](Self::vector_needs) is not empty.
     pub fn vector_only(&self) -> Option<VectorOnly> {
         let inputs = self.inputs();
         let main = inputs.first()?;
@@ -25,7 +25,7 @@ impl InitText<'_> {
         Some(VectorOnly { vector, above_sea: !inputs.iter().any(|t| t.has("alt")) })
     }
 
-    /// Data for the calibration of a vector magnetometer that the log lacks.
+    /// Data that the calibration of a vector magnetometer needs and the log lacks.
     pub(super) fn vector_needs(&self) -> Vec<&'static str> {
         let inputs = self.inputs();
         let has = |name: &str| inputs.iter().any(|t| t.has(name));
@@ -40,14 +40,14 @@ impl InitText<'_> {
         needs.into_iter().filter(|(there, _)| !there).map(|(_, need)| need).collect()
     }
 
-    /// Name and text of a table with the two halves of the only line of a log, without the time on the ground; `None`
-    /// for a short log and for several lines.
+    /// Name and text of a table that divides the only line of a log into two halves, without the time on the ground.
+    /// `None` for a short log and for a log of several lines.
     pub fn halves(&self, stem: &str) -> Option<(String, String)> {
         self.vector_only()?;
         let inputs = self.inputs();
         let mut lines = inputs.first()?.lines.iter();
         let ((flight, _), line) = lines.next()?;
-        // The engine and the surroundings differ on the ground.
+        // On the ground, the magnetic fields of the engine and of the surroundings differ from those in flight.
         let flying = inputs.iter().find_map(|t| t.lines.values().find_map(|l| l.flying));
         let (begins, ends) = flying.unwrap_or((line.first_tt, line.last_tt));
         let (first, last) = (line.first_tt.max(begins), line.last_tt.min(ends));
