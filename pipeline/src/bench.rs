@@ -271,7 +271,7 @@ fn constant(
     Ok(())
 }
 
-/// Rejects positions that match the truth if read as radians.
+/// Rejects positions that match the truth if they are read as radians.
 fn in_radians(
     task: &BenchTask,
     line: &BenchLine,

@@ -202,7 +202,7 @@ fn write(root: &Path, path: &str, bytes: &[u8]) -> Result<(), Fault> {
         .map_err(|e| Fault::machine(format!("cannot write {}: {e}", full.display())))
 }
 
-/// First paragraph of a documentation.
+/// First paragraph of a documentation text.
 fn first(doc: &str) -> String {
     doc.split("\n\n").next().unwrap_or_default().trim().to_owned()
 }

@@ -111,7 +111,7 @@ fn params(all: &[&ParamDoc]) -> String {
 
 fn metrics(entry: &StageEntry) -> String {
     let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
-        // Results of a survey stage already cover all lines.
+        // Metrics of a survey stage are not pooled, because they already cover all lines.
         let pool = if entry.grain == Grain::Line { pool.words() } else { String::new() };
         format!("| `{name}` | {unit} | {pool} | {} | {meaning} |\n", better.words())
     };

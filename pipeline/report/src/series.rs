@@ -223,7 +223,7 @@ fn intervals(tt: &[f64], rows: Range<usize>, pixels: usize) -> Vec<Range<usize>>
     if found.len() > pixels { by_rows(rows) } else { found }
 }
 
-/// Minimum and maximum of the finite values, and their number.
+/// Minimum, maximum and number of the finite values.
 fn extremes(values: &[f64]) -> (f64, f64, u32) {
     let (mut low, mut high, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0);
     for value in values {
@@ -330,7 +330,8 @@ fn nullable(values: &[f64]) -> ArrayRef {
     Arc::new(values.iter().map(|v| v.is_finite().then_some(*v)).collect::<Float64Array>())
 }
 
-/// The offset of Float32, and the largest error with it; `None` if the error is too large.
+/// The offset that is subtracted before storage as Float32, and the resulting largest error; `None` if this error is
+/// too large.
 fn compact_offset(values: &[f64]) -> Option<(f64, f64)> {
     let mut finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     finite.sort_by(f64::total_cmp);

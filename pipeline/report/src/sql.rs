@@ -1,8 +1,8 @@
 //! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
 //!
 //! A query reads only the published tables of one store, and writes nothing. Statements that change anything are
-//! rejected by their kind, by their plan, and by read-only tables. The memory of a query is limited, and it spills to a
-//! temporary folder.
+//! rejected by their kind, by their plan, and by read-only tables. The memory of a query is limited; a query that needs
+//! more spills data to a temporary folder.
 
 mod explain;
 mod functions;

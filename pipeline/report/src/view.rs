@@ -41,7 +41,7 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// Size of the cache of columns, in bytes.
 const HELD_BYTES: usize = 128 << 20;
 
-/// Values of axes by their names, as text.
+/// Sweep point: the name and the value of each axis, as text.
 pub type ViewPoint = Vec<(String, String)>;
 
 /// Reason why a request has no answer.

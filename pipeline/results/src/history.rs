@@ -73,7 +73,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
 
 /// Whether all lines of a history are intact, except for a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
-    /// Length of the value of the last key and of the characters that close the line.
+    /// Number of bytes from the value of the last key to the end of the line.
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {
         let whole = record_of(line).is_some();
@@ -107,7 +107,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
     let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let options = fs::File::options().create(true).append(true).clone();
     if fs::symlink_metadata(&path).is_ok() {
-        // The target of a link is neither written nor copied.
+        // If the path is a link, its target is neither written nor copied.
         own_file(root, &path, &options).map_err(refused)?;
     } else {
         // The folder entry of a new file must also be synced to the disk.

@@ -13,8 +13,8 @@ use serde::{
 /// The values of a point by axis, and its parameters by name.
 pub type SnapshotPoint = (BTreeMap<String, String>, BTreeMap<String, String>);
 
-/// The points of a table with their parameters. Each axis and each parameter has a list of its distinct values, so the
-/// size depends on the number of distinct values rather than on the number of points.
+/// The points of a table with their parameters. Each axis and each parameter has a list of its distinct values. For a
+/// grid of points, the size thus depends on the number of distinct values rather than on the number of points.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SnapshotPoints {
     /// Number of points.
@@ -31,7 +31,8 @@ struct RepeatedValues {
     /// Number of successive points with the same value, if the values repeat in a fixed cycle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     every: Option<usize>,
-    /// If they do not, the position of the value of each point; `None` for a point without a value.
+    /// If the values do not repeat in this way, the position of the value of each point; `None` for a point without a
+    /// value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     at: Vec<Option<u32>>,
 }
@@ -55,7 +56,7 @@ impl RepeatedValues {
     }
 }
 
-/// The values of one axis or parameter under construction.
+/// Collects the values of one axis or parameter, point by point.
 #[derive(Default)]
 struct ValueCollector {
     known: HashMap<String, u32>,

@@ -22,7 +22,7 @@ use crate::{points::SnapshotPoints, pooled};
 pub struct Snapshot {
     /// Name.
     pub pipeline: String,
-    /// The spec, as the user named it.
+    /// The path of the spec, as the user gave it.
     pub spec: String,
     /// The full path of the spec, and the hash of its text: see [`made_by_another`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -68,7 +68,7 @@ pub struct SnapshotTable {
     pub inputs: Vec<String>,
     /// Restriction of rows.
     pub predicate: Option<String>,
-    /// The parameters at each point: the point's values, then the parameters.
+    /// The points, each with its axis values and its parameters.
     pub points: SnapshotPoints,
     /// Columns.
     pub columns: Vec<SnapshotColumn>,
@@ -237,7 +237,7 @@ fn made_from(plan: &Plan, it: &StageInstance, name: &str) -> Vec<(String, String
     }
 }
 
-/// Columns of a table of files that are restricted today; `*` means all columns.
+/// Columns of a table of files whose restriction applies today; `*` means all columns.
 fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     match spec.tables.iter().find(|t| t.name == table).map(|t| t.protection.now()) {
         None | Some(ColumnRestriction::None) => vec![],

@@ -245,7 +245,7 @@ enum AxisWord {
 }
 
 impl AxisWord {
-    /// A value of a numeric or other axis, as written by another program.
+    /// Axis value from its text, as written by any program. `number` is true for a numeric axis.
     fn from_text(text: &str, number: bool) -> AxisWord {
         match text.parse::<f64>() {
             // -0 equals 0.

@@ -318,7 +318,8 @@ pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
-/// Positions of the warnings, grouped by table of scores and kind and sorted in this order; no group is empty.
+/// Positions of the warnings, grouped by table of scores and by kind. The groups are sorted by table, then by kind; no
+/// group is empty.
 fn groups(warnings: &[Warning]) -> Vec<Vec<usize>> {
     let mut groups: BTreeMap<(&str, WarningKind), Vec<usize>> = BTreeMap::new();
     for (i, warning) in warnings.iter().enumerate() {

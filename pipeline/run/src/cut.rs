@@ -61,7 +61,7 @@ impl<'a> TableAssembler<'a> {
             if makers.len() < yields.len() && column.name != "flight" && column.name != "line" {
                 passed.push(column.name.clone());
             }
-            // A passthrough column has the types of its source tables.
+            // A passthrough column has the types that it has in its source tables.
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }

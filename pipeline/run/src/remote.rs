@@ -1,6 +1,6 @@
-//! Worker process: plans from the store, rejects tasks that do not match the plan, finds finished units, and counts
-//! attempts. A unit that kills its workers thus fails after several attempts, and the other units of its task are
-//! computed.
+//! Worker process: it reads the plan from the store, rejects tasks that do not match the plan, finds finished units,
+//! and counts attempts. A unit that kills its workers thus fails after several attempts, and the other units of its
+//! task are computed.
 
 use std::{
     collections::HashMap,

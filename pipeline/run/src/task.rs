@@ -132,7 +132,7 @@ impl Task {
     /// Parses a task from one line of text.
     ///
     /// # Errors
-    /// Fails for a string that is not JSON, not a task, or of another form.
+    /// Fails for a string that is not JSON, is not a task, or has another format number.
     pub fn parse(text: &str) -> Result<Task, Fault> {
         parsed(text, "task")
     }
@@ -217,7 +217,7 @@ impl UnitAnswer {
     }
 }
 
-/// Parses an object of one line whose entry `word` is its format number.
+/// Parses a JSON object from one line. The entry `word` of the object must be the current format number.
 fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
     let help = "`magline tasks` writes one task per line";
     let cut = |e: serde_json::Error| {

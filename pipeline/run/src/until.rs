@@ -41,8 +41,8 @@ impl TargetTables {
 }
 
 impl PlanRunner<'_> {
-    /// Whether the table `t`, which is not requested, stays unchanged. It does if its update would require computing
-    /// some of its units, or if one of its inputs stays unchanged.
+    /// Whether the table `t`, which is not requested, stays unchanged. This is the case if an update would require
+    /// computing some of its units, or if one of its inputs stays unchanged.
     pub(super) fn is_left(&self, t: usize, left: &[usize]) -> bool {
         let node = &self.graph.plan.tables[t];
         let on_left = |r: TableRef| matches!(r, TableRef::Stage(up, _) if left.contains(&up));

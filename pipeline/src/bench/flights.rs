@@ -39,7 +39,7 @@ impl BenchLine {
     }
 }
 
-/// Lines of the flights in a file or of the spec of a simulation.
+/// Lines of flights, which are read from a file or simulated from a spec.
 ///
 /// # Errors
 /// Fails if they cannot be read.

@@ -37,7 +37,8 @@ impl Predictions {
     /// Reads a file: CSV by its extension, otherwise Parquet.
     ///
     /// # Errors
-    /// Fails if it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
+    /// Fails if it cannot be read, lacks a key, has a column that belongs to no task, or has a missing or impossible
+    /// value.
     pub fn open(path: &Path) -> Result<Predictions, Fault> {
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let file = shown(path);

@@ -47,8 +47,8 @@ fn most(memory: usize) -> usize {
     memory.saturating_add(OWN.max(memory / 2))
 }
 
-/// Limits this child process: it ends with its parent, an allocation far beyond the limit fails immediately, and only
-/// the query's error reports a panic.
+/// Limits this child process: it ends with its parent, an allocation far beyond the limit fails immediately, and a
+/// panic is reported only as the query's error.
 pub fn limit(memory: usize) {
     std::panic::set_hook(Box::new(|_| {}));
     confine::end_with_parent();

@@ -186,7 +186,7 @@ fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
         make_folder(&std::path::absolute(hidden)?)?;
         sweep(hidden);
         match own_folder(hidden) {
-            // A process that has just ended removed the empty folder.
+            // Another process that has just ended removed the empty folder; it is made again.
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => last = e,
             done => return done,
         }

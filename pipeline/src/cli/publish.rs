@@ -46,7 +46,7 @@ pub fn run(catalogue: &[StageEntry], args: &PublishArgs) -> Result<(), ExitReaso
         StorageLocation::Path(path) => (path, None),
         StorageLocation::Object(address) => {
             supported()?;
-            // The set keeps its name, in a temporary folder.
+            // The set is first written to a temporary folder, under its final name.
             let name = address.key.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or("set").to_owned();
             let own = folder.insert(TemporaryFolder::new()?);
             (own.path().join(name), Some(address))

@@ -1,4 +1,5 @@
-//! Text to standard output and standard error of any kind, without a panic if the stream is closed or full.
+//! Output of text to standard output and standard error, to a terminal, a file or a pipe, without a panic if the stream
+//! is closed or full.
 //!
 //! Results go to standard output. If the reader has closed the stream (`| head -1`), writing ends quietly. Any other
 //! failure, such as a full disk, is recorded by [`lost`] and sets the exit status. Text that cannot be written to
@@ -32,13 +33,13 @@ static GONE: AtomicBool = AtomicBool::new(false);
 /// The error from writing to standard output.
 static LOST: OnceLock<String> = OnceLock::new();
 
-/// Writes one line to standard error, its control characters [`visible`].
+/// Writes one line to standard error, with its control characters made [`visible`].
 pub fn err_line(text: impl Display) {
     // One write per line, so that lines of several threads do not mix.
     let _ = io::stderr().lock().write_all(visible(&format!("{text}\n")).as_bytes());
 }
 
-/// Writes text to standard output, its control characters [`visible`].
+/// Writes text to standard output, with its control characters made [`visible`].
 pub fn out_text(text: impl Display) {
     let mut out = io::stdout().lock();
     note(out.write_all(visible(&text.to_string()).as_bytes()).and_then(|()| out.flush()));

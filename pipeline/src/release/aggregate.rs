@@ -123,7 +123,8 @@ pub fn judge(
     Ok(own.map(|()| found))
 }
 
-/// Reason why the author could have selected the samples for the values of the table `t`; `None` if that is impossible.
+/// Reason why the author of the spec could have selected the samples for the values of the table `t`; `None` if that is
+/// impossible.
 fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();

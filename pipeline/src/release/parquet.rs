@@ -130,7 +130,7 @@ fn properties(schema: &Schema, sorted_by: &[String]) -> WriterProperties {
     properties.build()
 }
 
-/// Parquet columns of a table, one per column.
+/// Each column of a table, with the path of its Parquet column.
 fn leaves(schema: &Schema) -> Vec<(&str, ColumnPath)> {
     let leaf = |field: &'_ Arc<Field>| match field.data_type() {
         DataType::FixedSizeList(item, _) | DataType::List(item) => {
@@ -145,7 +145,7 @@ fn is_list(kind: &DataType) -> bool {
     matches!(kind, DataType::FixedSizeList(..) | DataType::List(_))
 }
 
-/// Reads a whole file: its schema, and each batch in turn.
+/// Reads a whole file: calls `each` with every batch, and returns the schema.
 ///
 /// # Errors
 /// Fails if it is not Parquet, is damaged, or `each` fails.

@@ -33,7 +33,7 @@ impl ReleaseVerification {
         self.faults.push((file.to_owned(), why.into()));
     }
 
-    /// For a missing file, keeps only the fault that the file is missing.
+    /// For each missing file, drops the faults that come after the fault that the file is missing.
     fn merge(&mut self) {
         let mut missing = BTreeSet::new();
         self.faults.retain(|(file, why)| !missing.contains(file) && (why != MISSING || missing.insert(file.clone())));
@@ -269,7 +269,7 @@ fn check_file(
 /// Compares the documents with documents that are made again from the set and the values of its files.
 fn agree(set: &ReleaseSet, root: &Path, found: &mut ReleaseVerification) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
-        // Names of tables are parts of paths.
+        // The path is checked, because it contains the name of a table.
         if !checksums::is_inside(&path) {
             found.push(DICTIONARY, format!("the path `{path}` leads outside the folder"));
             continue;

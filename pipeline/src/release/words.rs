@@ -11,7 +11,7 @@ pub const LOCK: &str = "pipeline/lock.json";
 /// File with the licence.
 pub const LICENCE: &str = "LICENSE";
 
-/// Path in the set as a relative address, with other bytes escaped by `%`.
+/// Path in the set as a relative URL, with special bytes escaped by `%`.
 pub fn address(path: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_' | b'~' | b'/' | b'=' | b'+');
     path.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()

@@ -42,7 +42,7 @@ pub struct QueryRequest {
     pub spill: PathBuf,
     /// Memory for the operators of the query, in bytes.
     pub memory: usize,
-    /// Memory limit set by the kernel, in bytes.
+    /// Memory limit that the kernel enforces, in bytes.
     pub most: usize,
     /// Text of the query.
     pub query: String,

@@ -76,7 +76,7 @@ struct QueryProcess {
     ended: Option<Status>,
 }
 
-/// Guard that ends the count of a waiting query when it is dropped.
+/// Guard that counts a query as waiting until the guard is dropped.
 struct QueueGuard<'a>(&'a AtomicUsize);
 
 impl Drop for QueueGuard<'_> {
@@ -124,7 +124,7 @@ impl QueryProcessPool {
     /// Fails if the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
-        // The process is read to its end, because only then its slot and its memory are free.
+        // The answer is read to its end, because the slot and the memory of the process are free only then.
         while let Some(piece) = reader.next().await {
             piece?;
         }

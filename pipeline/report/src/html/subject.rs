@@ -158,7 +158,8 @@ pub fn subject(
     }
 }
 
-/// Without scores: the first point of every table, the last tables first.
+/// The subject of a plan without scores: the first point of every table. Its stages are looked up from the last table
+/// to the first.
 fn unscored(source: &ReportSource) -> Option<ReportSubject> {
     let plan = source.graph.plan;
     let from: Vec<TableRef> = (0..plan.tables.len()).rev().map(|t| TableRef::Stage(t, 0)).collect();
@@ -230,7 +231,7 @@ pub fn named(source: &ReportSource, line: LineId) -> String {
     source.graph.lines.get(line).map(|(f, l)| format!("flight {f}, line {l}")).unwrap_or_default()
 }
 
-/// The line at the point of `subject` as text.
+/// Table, flight and line, and point of `subject`, as text.
 pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> String {
     let table = subject.navigate.map(|r| source.graph.plan.name_of(r)).unwrap_or_default();
     let words = [table, &named(source, line), &subject.point].map(str::to_owned);

@@ -17,7 +17,7 @@ const COLUMNS: usize = 8;
 struct Calibrations {
     /// The axis.
     axis: String,
-    /// Whether the axis selects the rows that a model is fitted to; otherwise the axis is another parameter.
+    /// Whether the axis selects the rows that a model is fitted to, rather than another parameter.
     of_rows: bool,
     /// Points of these models in the table; if there are too many points, an evenly spaced selection.
     members: Vec<usize>,
@@ -180,7 +180,8 @@ fn mean_of(spread: &[CoefficientVariation]) -> Option<f64> {
     (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
 }
 
-/// The mean coefficient of variation over the ridge parameter, if the sweep has several. [Gnadt 2022, Figure 3-8]
+/// Plot of the mean coefficient of variation over the ridge parameter, if the sweep has several values of this
+/// parameter. [Gnadt 2022, Figure 3-8]
 fn over_lambda(
     source: &ReportSource,
     table: usize,
@@ -228,7 +229,7 @@ mod tests {
 
     #[test]
     fn ref_table_3_1_of_gnadt_2022() {
-        // cosX and cosYZ of lines 1001.01, 1002.02 and 1006.04.
+        // Coefficients cosX and cosYZ of the lines 1001.01, 1002.02 and 1006.04.
         let models = [("1001.01", [1974.0, -18.0]), ("1002.02", [1798.0, 180.0]), ("1006.04", [1243.0, 190.0])];
         let found = ModelCoefficients {
             terms: vec!["x".into(), "yz".into()],

@@ -15,7 +15,7 @@ use super::{
 
 /// Two-sided 95 % quantile of the normal distribution.
 pub const Z95: f64 = 1.959_963_985;
-/// The lags that the metric `whiteness` counts.
+/// Number of lags that the metric `whiteness` evaluates.
 const COUNTED: usize = 20;
 /// Approximate number of lags of a plot.
 const LAGS: usize = 80;
@@ -147,7 +147,7 @@ fn mean_square_band(n: f64) -> (f64, f64) {
     (at(-Z95), at(Z95))
 }
 
-/// Means over windows of `window` samples; NaN if fewer than half have values.
+/// Means over windows of `window` samples; NaN for a window in which fewer than half of the samples have values.
 fn window_means(time: &[f64], x: &[f64], window: usize) -> Vec<(f64, f64)> {
     let mean = |(t, x): (&[f64], &[f64])| {
         let figure = statistics::mean(x);

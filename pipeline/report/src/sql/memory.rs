@@ -25,7 +25,7 @@ const UNITS: [(&str, usize); 8] = [
 /// Reads a size such as `1GB`, `500 MB` or `1.5GiB`.
 ///
 /// # Errors
-/// Fails if it is not a size, or is too small.
+/// Fails if the text is not a size, or if the size is too small.
 pub fn size(text: &str) -> Result<usize, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());

@@ -53,7 +53,7 @@ impl MapBand {
     }
 }
 
-/// Map at most `pixels` wide and high: a cell is the mean of the known nodes in it.
+/// Raster of a map, at most `pixels` wide and high. Each cell is the mean of the known nodes in it.
 #[derive(Debug, PartialEq)]
 pub struct MapRaster {
     /// Number of columns and rows.

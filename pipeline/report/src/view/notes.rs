@@ -19,7 +19,7 @@ pub struct PipelineNotes {
     /// The name of the pipeline.
     #[serde(default)]
     pub pipeline: String,
-    /// The spec, as the user named it.
+    /// The path of the spec, as the user gave it.
     #[serde(default)]
     pub spec: String,
     /// The seed.

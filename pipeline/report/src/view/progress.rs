@@ -30,7 +30,7 @@ const POOL_EVERY: Duration = Duration::from_secs(5);
 const PAUSE: u32 = 5;
 /// A lease whose last renewal is older than this no longer counts as a run in progress.
 const SILENT: Duration = Duration::from_secs(35);
-/// Maximum number of kinds of failures.
+/// Maximum number of distinct failures that are listed.
 const MOST_FAILURES: usize = 200;
 
 /// Progress of the runs of one spec.
@@ -38,7 +38,7 @@ pub struct RunProgress<'a> {
     graph: &'a PlanGraph<'a>,
     store: &'a Store,
     state: Mutex<ProgressCount>,
-    /// The last answer, for requests during a count.
+    /// The last answer, which is returned to requests that arrive during a count.
     last: Mutex<Option<Value>>,
 }
 

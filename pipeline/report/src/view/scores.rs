@@ -25,12 +25,12 @@ use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
 
 /// Maximum size of an answer, in bytes.
 const BUDGET: usize = 120_000_000;
-/// Maximum number of rows of a table of scores whose lines are read.
+/// The scores of single lines are read only if the table has at most this number of rows.
 const MOST_ROWS: usize = 4_000_000;
 /// Maximum total size of all cached answers, in bytes.
 const HELD_BYTES: usize = 96 << 20;
 
-/// Cached answers: table, version and block.
+/// Cached answers, each with its table, its version and its text.
 pub type HeldBlocks = Vec<(String, u64, Arc<String>)>;
 
 /// One metric at one point.
@@ -133,7 +133,7 @@ pub(super) fn truths<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow
     found.ok_or_else(|| Fault::machine(format!("the scores have no Boolean column `{name}`")))
 }
 
-/// Positions among `words` of the values of a column.
+/// Positions of the values of a column in `words`.
 pub(super) fn texts(batch: &RecordBatch, name: &str, words: &mut Words) -> Result<Vec<u32>, Fault> {
     let found = batch.column_by_name(name).map(|array| positions(array, words));
     found.ok_or_else(|| Fault::machine(format!("the scores have no column `{name}`")))

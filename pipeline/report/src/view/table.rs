@@ -91,8 +91,8 @@ fn is_same(own: &str, given: &str) -> bool {
     own == given || number(own).is_some_and(|own| number(given) == Some(own))
 }
 
-/// Positions of the values of a column among `words`. A value that equals the value of the previous row is not
-/// converted to text.
+/// Positions of the values of a column in `words`. A value that equals the value of the previous row is not converted
+/// to text.
 pub fn positions(array: &ArrayRef, words: &mut Words) -> Vec<u32> {
     let same = |row: usize| -> bool {
         if array.is_null(row) || array.is_null(row - 1) {
@@ -185,7 +185,7 @@ impl ViewTable {
     /// and `name[i]` is an element of a list.
     ///
     /// # Errors
-    /// Fails for an unknown column or one without numbers. Also fails if the store is damaged.
+    /// Fails for an unknown column, or for a column without numbers. Also fails if the store is damaged.
     pub fn floats(&self, units: &[usize], name: &str) -> Result<Vec<f64>, ViewFault> {
         let index = self.index()?;
         let (column, element) = self.column(name)?;
@@ -265,7 +265,7 @@ impl ViewTable {
 }
 
 impl AxisIndex {
-    /// The position of the value that `point` names.
+    /// The position of the value that `point` gives for this axis.
     fn wanted(&self, table: &str, point: &ViewPoint) -> Result<u32, ViewFault> {
         let Some((_, value)) = point.iter().find(|(name, _)| *name == self.name) else {
             if self.words.len() <= 1 {

@@ -22,7 +22,7 @@ use crate::text::number;
 pub struct NavigationSettings {
     /// The measurement sigma, in nT; `None` if the parameter is estimated from the data.
     pub sigma_nt: Option<f64>,
-    /// Whether the noise was estimated by the likelihood of the innovations.
+    /// Whether the noise was estimated from the likelihood of the innovations.
     pub found: bool,
     /// Length of the window over which a bias is estimated, in seconds.
     pub offset_window_s: f64,

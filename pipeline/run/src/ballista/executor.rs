@@ -229,8 +229,8 @@ impl ExecutorService {
         Ok(())
     }
 
-    /// Waits for the end of the running tasks. It keeps reporting meanwhile, so that the scheduler dispatches no
-    /// further tasks to this executor and does not reassign its running tasks.
+    /// Waits for the end of the running tasks. Keeps reporting meanwhile, so that the scheduler dispatches no further
+    /// tasks to this executor and does not reassign its running tasks.
     async fn finish(&self) {
         loop {
             let _ = timeout(ANSWER, self.beat()).await;

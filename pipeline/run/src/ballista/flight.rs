@@ -33,7 +33,7 @@ fn none<T>() -> ArrowFlightResult<T> {
 }
 
 impl AnswerFileService {
-    /// Service of the tasks that write to a folder.
+    /// Service for the answers that tasks have written to `folder`.
     pub fn new(folder: &Path) -> AnswerFileService {
         AnswerFileService(BallistaFlightService::new(folder.display().to_string()))
     }

@@ -194,7 +194,7 @@ pub struct TaskComputeExec {
 }
 
 impl TaskComputeExec {
-    /// Node above a source of tasks, by this version.
+    /// Creates the node above a source of tasks, as a plan of this version.
     pub fn new(input: Arc<dyn ExecutionPlan>) -> TaskComputeExec {
         TaskComputeExec::with_version(input, VERSION.to_owned())
     }

@@ -163,7 +163,7 @@ fn executed(
     match ended {
         Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(WorkerExit::Requested),
         Ok(()) => Ok(WorkerExit::Alone),
-        // A scheduler that ends during the registration does not reject the worker.
+        // The worker is not rejected if the scheduler ends during the registration.
         Err(_) if is_lost() => Ok(WorkerExit::Alone),
         Err(e) => {
             let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
@@ -234,7 +234,7 @@ impl WorkerPool {
         self.0.places.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs `work` while idle processes are ended and the scheduler is checked.
+    /// Runs `work`. Meanwhile, another thread ends idle processes and checks the scheduler.
     fn attended<T>(&self, scheduler: &SchedulerClient, work: impl FnOnce() -> T) -> T {
         let over = AtomicBool::new(false);
         thread::scope(|scope| {
@@ -246,7 +246,7 @@ impl WorkerPool {
                     drop(old);
                     if looked.elapsed() >= LOOKS_EVERY {
                         looked = Instant::now();
-                        // A scheduler that does not answer may return.
+                        // A scheduler that does not answer may come back, so only another fault ends the worker.
                         if let Err(why @ SchedulerFault::Other(_)) = scheduler.name() {
                             leave(why.fault(&self.0.authority), Duration::ZERO);
                         }

@@ -92,7 +92,7 @@ impl TableWork {
         of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()
     }
 
-    /// Predictors of the bytes of its files.
+    /// Predictors of the bytes of the table's files.
     pub fn bytes(&self, rows: f64) -> Vec<(String, f64)> {
         let of = [("pack", self.packs), ("unit", self.units), ("number", rows * self.width)];
         of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()

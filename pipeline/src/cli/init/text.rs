@@ -49,7 +49,8 @@ const MANOEUVRE_DEG: f64 = 1.0;
 const CALIBRATION_ROWS: usize = 200;
 
 impl InitText<'_> {
-    /// The table with a scalar magnetometer, else with a vector magnetometer, else the first.
+    /// The main table: the first with a scalar magnetometer, else the first with a vector magnetometer, else the first
+    /// table.
     fn main(&self) -> Option<&TableFindings> {
         let all = &self.found.tables;
         let scalar = all.iter().find(|t| !t.scalars.is_empty());
@@ -125,7 +126,7 @@ impl InitText<'_> {
         if several && !table.name.is_empty() { table.name.clone() } else { "log".to_owned() }
     }
 
-    /// The block of a table.
+    /// The text that declares a table in the spec.
     fn block(&self, table: &TableFindings, several: bool) -> String {
         let mut text = format!("\n[tables.{}]\npath    = {}\n", self.named(table, several), quoted(&self.log));
         match (&self.mapping, self.source.builtin) {

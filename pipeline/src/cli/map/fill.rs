@@ -36,8 +36,8 @@ pub fn run(args: &FillArgs) -> Result<(), ExitReason> {
     args.output.check(args.with.iter().chain([&args.map]))?;
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
-        // The options for the format, coordinates, height and unit apply only to the map; the other maps use those of
-        // their files.
+        // The options for format, coordinates, height and unit apply only to the map itself. The other maps are read
+        // with the heights and units of their files.
         let input =
             InputArgs { format: None, epsg: None, alt: None, unit: None, field_component: None, ..args.input.clone() };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));

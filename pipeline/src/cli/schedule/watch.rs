@@ -82,7 +82,7 @@ pub struct RunWatchState {
     pub started: String,
     /// Start time, for durations.
     pub begun: Instant,
-    /// The spec, as the user named it.
+    /// The path of the spec, as the user gave it.
     pub spec: String,
     /// BLAKE3 of the bytes of the spec.
     pub spec_hash: Option<String>,

@@ -6,7 +6,7 @@ use super::{InitText, TableFindings, quoted};
 /// The two halves of a log are calibrated only if the log is at least this long, in seconds.
 const LEAST_S: f64 = 60.0;
 
-/// The parts of a log that calibrate a vector magnetometer.
+/// Data of a log from which a vector magnetometer is calibrated.
 pub struct VectorOnly {
     /// The vector magnetometer.
     pub vector: String,
