@@ -54,7 +54,7 @@ pub struct ServerSettings {
 
 /// Number of threads for connections; queries have separate threads.
 const CONNECTION_THREADS: usize = 2;
-/// After a request to stop, open answers must end within this time.
+/// Time within which open answers must end after a request to stop.
 const GRACE: Duration = Duration::from_secs(3);
 /// A client counts as disconnected after this time without a message.
 const ALIVE: Duration = Duration::from_secs(30);

@@ -31,7 +31,7 @@ struct RepeatedValues {
     /// Number of successive points with the same value, if the values repeat in a fixed cycle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     every: Option<usize>,
-    /// If the values do not repeat in this way, the position of the value of each point; `None` for a point without a
+    /// Position of the value of each point, if the values do not repeat in a fixed cycle; `None` for a point without a
     /// value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     at: Vec<Option<u32>>,

@@ -85,7 +85,7 @@ impl Scores {
         self.cautious = (0..self.marks.len()).filter(|r| self.marks[*r] > 0 && wrong[*r].is_empty()).collect();
     }
 
-    /// For each row, the lines (flight and line) that are flagged by `warnings` of the table `name`.
+    /// Lines of each row (flight and line) that are flagged by `warnings` of the table `name`.
     pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
         self.lines_with(name, warnings, WarningKind::spoils)
     }

@@ -119,7 +119,7 @@ impl<'a> EventRelay<'a> {
         self.state().last = true;
     }
 
-    /// For each of these tables, the outcomes over all passes and the total time, in seconds.
+    /// Outcomes and total time, in seconds, of each of these tables over all passes.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let state = self.state();
         let spent = |name: &str| state.tables.get(name).copied().unwrap_or_default();

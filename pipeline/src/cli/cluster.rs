@@ -49,7 +49,7 @@ pub struct SchedulerArgs {
     /// 0.0.0.0.
     #[arg(long, value_name = "NAME")]
     advertise: Option<String>,
-    /// If a worker sends no report for this time, its tasks are dispatched to other workers.
+    /// The maximum time between two reports of a worker. After this time, its tasks are dispatched to other workers.
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
     #[command(flatten)]

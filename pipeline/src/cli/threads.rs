@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// Every machine accepts up to this number of threads, so that scripts written for larger machines run.
+/// Number of threads that every machine accepts, so that scripts written for larger machines run.
 const ALWAYS: usize = 64;
 /// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;

@@ -27,11 +27,9 @@ pub struct Aggregate {
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
-    /// For each group of values that differ only in the samples from which they are computed, the numbers of these
-    /// samples.
+    /// Numbers of samples, by group; the values of a group differ only in the samples from which they are computed.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// For each line or set of lines, the number of published numbers, and the largest number of samples of one of
-    /// these numbers.
+    /// Number of published numbers, and largest number of samples of one of them, by line or set of lines.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 

@@ -130,7 +130,7 @@ fn properties(schema: &Schema, sorted_by: &[String]) -> WriterProperties {
     properties.build()
 }
 
-/// Each column of a table, with the path of its Parquet column.
+/// Columns of a table, each with the path of its Parquet column.
 fn leaves(schema: &Schema) -> Vec<(&str, ColumnPath)> {
     let leaf = |field: &'_ Arc<Field>| match field.data_type() {
         DataType::FixedSizeList(item, _) | DataType::List(item) => {

@@ -33,7 +33,7 @@ impl ReleaseVerification {
         self.faults.push((file.to_owned(), why.into()));
     }
 
-    /// For each missing file, drops the faults that come after the fault that the file is missing.
+    /// Drops, for each missing file, the faults that come after the fault that the file is missing.
     fn merge(&mut self) {
         let mut missing = BTreeSet::new();
         self.faults.retain(|(file, why)| !missing.contains(file) && (why != MISSING || missing.insert(file.clone())));

@@ -84,8 +84,8 @@ fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
 
-/// At most `most` further tables of `navigate` that have results, and the number of omitted tables. Each table is shown
-/// at its best point or, if it has no scores, at its first point.
+/// Further tables of `navigate` that have results, at most `most`, and the number of omitted tables. Each table is
+/// shown at its best point or, if it has no scores, at its first point.
 pub fn navigations(
     source: &ReportSource,
     boards: &[ScoreBoard],

@@ -145,7 +145,7 @@ struct HeatMap {
     axes: (usize, usize),
     /// The values of each axis.
     values: (Vec<String>, Vec<String>),
-    /// For each cell, row by row, the position of its row in the scores.
+    /// Row of the scores that each cell shows, as a position; the cells are ordered row by row.
     cells: Vec<Option<usize>>,
 }
 

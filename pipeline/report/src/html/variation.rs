@@ -28,7 +28,7 @@ struct Calibrations {
 /// The coefficients of some models with the same terms.
 struct ModelCoefficients {
     terms: Vec<String>,
-    /// For each model, the value of the axis, and a coefficient for each term.
+    /// Value of the axis and coefficients of the terms, for each model.
     models: Vec<(String, Vec<f64>)>,
 }
 

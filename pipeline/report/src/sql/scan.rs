@@ -73,7 +73,7 @@ impl std::fmt::Debug for ScanSource {
 struct LogicalUnits {
     /// One row per unit.
     units: RecordBatch,
-    /// For each pattern, the number of steps upstream to the table that holds each column.
+    /// Patterns: each is the number of steps upstream to the table that holds a column, for all columns.
     patterns: Vec<BTreeMap<String, usize>>,
 }
 

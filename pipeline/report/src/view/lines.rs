@@ -64,7 +64,7 @@ pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedCo
     DerivedColumn::ALL.into_iter().filter(|column| fits(column) && field(column.about().name).is_none()).collect()
 }
 
-/// For a table whose position is an estimate, the nearest table upstream that has the true position.
+/// Nearest table upstream that has the true position, if the position of `table` is an estimate.
 fn truth_table(pipeline: &PublishedPipeline, table: &ViewTable) -> Option<Arc<ViewTable>> {
     let has_position = |table: &ViewTable, wanted: &str| {
         let role = |name: &str| {

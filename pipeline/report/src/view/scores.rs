@@ -56,7 +56,7 @@ pub(super) struct PooledCell {
 pub(super) struct PooledScores {
     /// Values of each axis.
     pub axes: Vec<Words>,
-    /// For each point, the positions of its axis values in `axes`.
+    /// Points, each as the positions of its axis values in `axes`.
     pub points: Vec<Vec<u32>>,
     known: HashMap<Vec<u32>, usize>,
     /// Names of the metrics.

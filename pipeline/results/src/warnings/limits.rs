@@ -50,7 +50,7 @@ pub const BIAS_SIGMAS: f64 = 2.0;
 /// more than this factor, in either direction.
 pub const RESIDUAL_SIGMAS: f64 = 1.5;
 
-/// When a cause is determined, a filter counts as consistent up to this NEES, which is twice the expected value.
+/// NEES up to which a filter counts as consistent when a cause is determined: twice the expected value.
 pub const CONSISTENT_NEES: f64 = 4.0;
 
 /// Maximum difference between two dates of the core field, in years. The core field changes by up to 100 nT per year.

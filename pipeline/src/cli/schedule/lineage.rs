@@ -21,7 +21,7 @@ use crate::cli::say::err;
 const REQUEST: Duration = Duration::from_secs(5);
 /// Delay between two attempts.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// After this number of consecutive failures, no more events are sent.
+/// Number of consecutive failures after which no more events are sent.
 const ENOUGH: usize = 3;
 /// Maximum time that a run waits at its end for events to be sent.
 const FLUSH: Duration = Duration::from_secs(15);
