@@ -35,7 +35,7 @@ use crate::{
     task::{Receipt, Task, VERSION},
 };
 
-/// Lifetime of a process without a task. The process keeps the store open while it lives.
+/// Lifetime of a process without a task. The process holds the shared lock of the store while it lives.
 const RESTS: Duration = Duration::from_secs(5);
 /// A rejected task is retried for this time, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);
