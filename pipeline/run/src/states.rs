@@ -19,7 +19,7 @@ pub struct UnitStates<'a> {
     graph: &'a PlanGraph<'a>,
     /// States by table, in the order of points, then lines.
     of: Vec<Vec<UnitState>>,
-    /// Number of states per point, by table.
+    /// Number of states that each point of a table has, by table.
     width: Vec<usize>,
 }
 

@@ -67,7 +67,7 @@ impl TableProgress<'_> {
         cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, LayoutUnit::There(_)))
     }
 
-    /// Whether chunks must be single packs. A table of one chunk is always one pack.
+    /// Whether each chunk must be a single pack. A table of one chunk is always one pack.
     fn whole(&self, compact: bool) -> bool {
         self.layout.chunks.len() <= 1 || compact
     }

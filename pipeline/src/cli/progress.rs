@@ -322,7 +322,7 @@ mod tests {
         assert_eq!(state.text(seconds(60)), "simulating flights: 0 of 9 lines");
         state.done = 3;
         assert_eq!(state.text(seconds(60)), "simulating flights: 3 of 9 lines (about 2 min left)");
-        // A stage does not use the time of an earlier stage.
+        // The remaining time of a stage is not estimated from the time of an earlier stage.
         state.stage(seconds(60), "computing even");
         (state.done, state.all) = (1, 2);
         assert_eq!(state.text(seconds(60)), "computing even: 1 of 2");

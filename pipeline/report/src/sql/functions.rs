@@ -12,10 +12,11 @@ use datafusion::{
 };
 use numerics::earth::core_field::{CoreFieldModel, CoreFieldTrack};
 
-/// Registers `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a position in
-/// degrees and metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its
-/// components. A null or NaN argument gives null. An infinity, a latitude beyond 90 degrees, a longitude outside -180
-/// to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the value.
+/// Registers `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, which return the magnitude of the core field in nT at
+/// a position in degrees and metres above the WGS-84 ellipsoid. Also registers `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`,
+/// `wmm_e` and `wmm_d`, which return the components of the field. A null or NaN argument gives null. An infinity, a
+/// latitude beyond 90 degrees, a longitude outside -180 to 360, a height outside -10 to 2,000 km and a date that the
+/// model does not cover are errors that name the value.
 pub fn register(context: &SessionContext) {
     for (model, word) in [(CoreFieldModel::Igrf14, "igrf"), (CoreFieldModel::Wmm, "wmm")] {
         for (part, suffix) in [

@@ -63,7 +63,7 @@ struct RunCell {
     interval: Option<(f64, f64)>,
 }
 
-/// Names that occur in both runs.
+/// Names of the lines and metrics of both runs, each with one position that is valid for both.
 #[derive(Default)]
 struct RunNames {
     /// Lines, as `flight/line`.

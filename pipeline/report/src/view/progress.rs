@@ -52,7 +52,7 @@ struct ProgressCount {
     /// Size and time of the record of the last run, and whether that run was of this plan and data.
     current: Option<(RecordStamp, bool)>,
     failures: BTreeMap<(String, String), (usize, String)>,
-    /// Failed units whose failure is known.
+    /// Failed units that are already counted in `failures`.
     known: HashSet<HashKey>,
 }
 
