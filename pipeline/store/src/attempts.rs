@@ -1,10 +1,10 @@
-//! Records of workers that compute a unit or were lost during its computation.
+//! Records of the units that workers compute, or were computing when they were lost.
 //!
 //! An attempt is one execution of some units by one worker, recorded in a file `attempts/<name>`. The file lists host
 //! and time, then the keys of the units, one per line. The worker removes the file when all units have answers, and on
-//! a stop signal. A remaining file thus belongs to a killed worker; one of its units or another cause killed it. If the
-//! worker survives and a unit has no answer, for example after a panic, the file keeps only this unit and the reason.
-//! The files are not synced to the disk, because a power loss is not the fault of a unit.
+//! a stop signal. A file that remains thus shows that the worker was killed, by one of its units or by another cause.
+//! If the worker survives and a unit has no answer, for example after a panic, the file keeps only this unit and the
+//! reason. The files are not synced to the disk, because a power loss is not the fault of a unit.
 //!
 //! In an object store, an attempt has one object `attempts/<name>-<marks>` per 24 units. The marks are the first digits
 //! of the keys. A worker thus finds the objects that may concern its units through one listing, and reads only these
@@ -31,7 +31,7 @@ use crate::clock;
 
 /// Folder of the attempts in a store.
 pub const FOLDER: &str = "attempts";
-/// Number of digits of a key that form its mark, number of digits of the unique name, and maximum number of units per
+/// Number of leading digits of a key in a mark, number of digits of a unique name, and maximum number of units per
 /// object. These numbers are limited because some servers store objects as files, whose names have at most 255 bytes.
 const MARK: usize = 4;
 const NAME: usize = 16;
@@ -56,7 +56,7 @@ impl AttemptMarker {
     }
 
     fn remove(&self) {
-        // If an attempt cannot be removed, it counts as a lost attempt at its units.
+        // If the record cannot be removed, the attempt counts as lost.
         match self {
             AttemptMarker::File(file) => drop(fs::remove_file(file)),
             AttemptMarker::Object(remote, key) => drop(remote.bucket().remove(key)),
@@ -119,7 +119,7 @@ impl Attempt {
     }
 }
 
-/// Numbers of attempts at a unit without an answer, with a reason.
+/// Numbers of attempts at a unit that gave no answer, with a reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UnitAttempts {
     /// Attempts whose worker was lost or is still running.
@@ -159,7 +159,7 @@ fn unit(line: &str) -> Option<(HashKey, &str)> {
     Some((HashKey::parse(key)?, message))
 }
 
-/// Attempts at each unit, from the texts of the records.
+/// Attempts by unit, counted in the texts of the records.
 fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
     let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
     for (key, message) in texts.iter().flat_map(|text| units(text)) {
@@ -178,7 +178,7 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
     own.as_bytes().chunks(MARK).any(|one| std::str::from_utf8(one).is_ok_and(|one| marks.contains(one)))
 }
 
-/// Texts of those attempts in an object store whose names are `wanted`.
+/// Texts of the attempts in an object store for whose names `wanted` is true.
 fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
     // Readable attempts are counted; unreadable ones are read again when the next units begin.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
@@ -187,7 +187,7 @@ fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String
     found.into_iter().flatten().map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).collect()
 }
 
-/// Text of an attempt without the units that are `done`; empty if it is `old`.
+/// Text of an attempt without the units that are `done`; empty if the attempt is `old`.
 fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
     let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
     let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
@@ -217,7 +217,7 @@ impl Store {
         keys.iter().map(|key| all.get(key).cloned().unwrap_or_default()).collect()
     }
 
-    /// Attempts at all units that have any.
+    /// Attempts at all units with at least one attempt.
     pub fn attempts(&self) -> HashMap<HashKey, UnitAttempts> {
         match self.remote() {
             Some(remote) => counted(&in_objects(remote, |_| true)),
@@ -230,7 +230,7 @@ impl Store {
     /// # Errors
     /// Fails if the file system reports an error.
     pub fn attempt(&self, keys: &[HashKey]) -> Result<Attempt, Fault> {
-        // Each process and thread creates a different text.
+        // The text differs between processes and between threads.
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
         let who = format!("{kernel} process {process} {} {unique}\n", clock::now());
         let mut attempt = Attempt { markers: vec![], who };
@@ -268,7 +268,7 @@ impl Store {
     /// Removes the attempts at units that are `done`, and attempts that are at least as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(HashKey) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            // Remaining objects are removed later.
+            // Objects that cannot be removed now are removed later.
             let _ = drop_objects(remote, &done, older_than);
             return;
         }
@@ -304,7 +304,7 @@ fn drop_objects(
         if left.is_empty() {
             remote.bucket().remove(&object.key)?;
         } else if left != text {
-            // A newer text of the worker is kept.
+            // If the worker has written a newer text, that text is kept.
             remote.bucket().replace(&object.key, left.as_bytes(), Some(tag))?;
         }
     }

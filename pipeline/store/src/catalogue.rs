@@ -1,8 +1,8 @@
 //! Catalogue of the packs of a store and their units.
 //!
 //! The footer of a pack lists its contents; the file `index` only avoids reading all footers again. The whole index is
-//! verified, and each entry is compared with the size and time of its pack. Entries that disagree are read from the
-//! packs.
+//! verified, and each entry is compared with the size and time of its pack. An entry that differs is read from its pack
+//! instead.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -22,7 +22,8 @@ use super::{
 /// First bytes of the index.
 const MARK: &[u8; 16] = b"magline index 2\n";
 
-/// Metadata key of the units in a pack's footer: the kind of pack, then one line of key, hash and rows per unit.
+/// Metadata key of the list of units in a pack's footer: the kind of the pack, then one line per unit with key, hash
+/// and number of rows.
 pub const UNITS: &str = "magline.units";
 
 /// Row count of a unit that could not be computed.
@@ -120,7 +121,7 @@ impl PackCatalogue {
             match known.remove(&id).filter(|p| (p.size, p.modified_ns) == (size, modified_ns)) {
                 Some(pack) => all.insert(pack),
                 None => {
-                    // Packs that were modified later or by other programs are verified completely.
+                    // A pack that was added or modified after the index was written is verified completely.
                     fresh += 1;
                     match read(root, id, (size, modified_ns)) {
                         Ok(pack) => all.insert(pack),

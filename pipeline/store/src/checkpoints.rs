@@ -52,13 +52,13 @@ impl Store {
     /// Removes the states of units that are `done`, and states last written at least `older_than` ago.
     pub fn drop_checkpoints(&self, done: impl Fn(&str) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            // Remaining objects are removed later.
+            // Objects that cannot be removed now are removed later.
             let _ = remote.drop_objects(FOLDER, &|name, age| done(name) || older_than.is_some_and(|than| age >= than));
         }
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let old = || older_than.is_some_and(|than| is_old(&file.path(), than));
             if file.file_name().to_str().is_some_and(&done) || old() {
-                // Remaining files are removed later.
+                // Files that cannot be removed now are removed later.
                 let _ = fs::remove_file(file.path());
             }
         }

@@ -111,7 +111,7 @@ pub struct Store {
     next: AtomicU64,
     // Shared lock of all processes that use the store.
     shared: File,
-    // Lock held for the life of the process; another process may then remove the folder.
+    // Lock on the folder `tmp`; after the end of the process, another process may remove the folder.
     _lock: File,
 }
 
@@ -170,8 +170,8 @@ impl Store {
         Store::opened(root, PackReader::open)
     }
 
-    /// Opens the store at `root` for a worker with the packs of the index, which the driver has written. The index does
-    /// not list all packs. [`PackReader::adopt`] adds others.
+    /// Opens the store at `root` for a worker, with the packs that the driver has listed in the index.
+    /// [`PackReader::adopt`] adds packs that the index does not list.
     ///
     /// # Errors
     /// Fails if there is no store, or the folder cannot be written.
@@ -264,7 +264,7 @@ impl Store {
         self.tmp.join(self.next.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
-    /// Object store of this copy; `None` for a store in a folder.
+    /// Object store of which the folder is a copy; `None` for a store on disk.
     fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.objects.remote()
     }
@@ -408,7 +408,7 @@ impl Store {
     }
 }
 
-/// Updates the copy of an object store for readers of its folder. Does nothing for other stores.
+/// Updates the copy of an object store in the folder `root`, before the folder is read. Does nothing for other stores.
 ///
 /// # Errors
 /// Fails if the object store cannot be reached or reports an error.
@@ -416,7 +416,7 @@ pub fn pulled(root: &Path) -> Result<(), Fault> {
     RemoteStore::from_cache(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
 }
 
-/// Whether a mark belongs to another layout, and is not this layout's mark with a flipped bit.
+/// Whether a mark belongs to another layout. A mark with one flipped bit counts as damaged, not as another layout.
 fn is_other_layout(bytes: &[u8]) -> bool {
     let differ = bytes.iter().zip(LAYOUT.as_bytes()).map(|(a, b)| (a ^ b).count_ones()).sum::<u32>();
     let number = bytes.strip_prefix(b"magline store ").and_then(|n| n.strip_suffix(b"\n"));
@@ -470,7 +470,7 @@ fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item 
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // Remaining files never got a final name; the next process would remove them too.
+        // The files in this folder never got a final name; otherwise, the next process would remove them.
         unfinished::remove(&self.tmp);
     }
 }

@@ -44,7 +44,7 @@ const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_se
 /// Lock that another process holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ForeignLock {
-    /// Process; `None` if the lease does not name the holder.
+    /// Process that holds the lock; `None` if the lease does not name it.
     pub holder: Option<LockHolder>,
     /// Time since the last renewal.
     pub silent: Option<Duration>,
@@ -197,7 +197,7 @@ impl PipelineLock {
         &self.pipeline
     }
 
-    /// Whether no other process has held the lock since its [`generation`] was `seen`.
+    /// Whether no other process has held the lock since [`generation`] returned `seen`.
     pub fn follows(&self, seen: Option<u64>) -> bool {
         let number = self.lease.as_ref().map_or(self.number, |lease| lease.number());
         seen.is_some_and(|n| number == n.saturating_add(1))
@@ -230,7 +230,7 @@ impl PipelineLock {
 
 impl Drop for PipelineLock {
     fn drop(&mut self) {
-        // The next holder of this cache's lock finds the lease free.
+        // The lease is released first, so the next holder of this cache's lock finds it free.
         self.lease.take();
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
@@ -284,7 +284,7 @@ impl Store {
             Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
         }
         let newest = match LeaseFile::newest(&folder, pipeline) {
-            // The holder has just taken another number.
+            // The lease file no longer exists, because the holder has just taken another number.
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(LockOutcome::Held(ForeignLock::default())),
             newest => newest.map_err(|e| fail(&e))?,
         };
@@ -307,7 +307,7 @@ impl Store {
             return Ok(LockOutcome::Held(self.held(&folder, pipeline)));
         }
         for older in known.iter().filter(|n| **n < number) {
-            // Remaining files have a lower number, and are removed later.
+            // A file that cannot be removed has a lower number, and is removed later.
             let _ = fs::remove_file(folder.join(format!("{}{older}", prefix(pipeline))));
         }
         let heart = File::options()

@@ -10,7 +10,7 @@ use schemas::{Fault, keys::HashKey};
 
 use super::{Store, catalogue, io_fault, make_folder};
 
-/// Stored facts about sources, which are read once.
+/// Folders of stored facts about sources, so that the sources are not read again.
 const SHARED: [&str; 2] = ["sources", "quality"];
 
 impl Store {

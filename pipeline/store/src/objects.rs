@@ -282,7 +282,7 @@ impl PackReader {
             catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)))
         };
         let found = look().or_else(|| {
-            // The index in an object store is the index of the last writer.
+            // The index in an object store lists only the packs that its last writer knew.
             self.remote.is_some().then(|| self.refresh()).and_then(|()| look())
         });
         found.ok_or_else(|| {

@@ -65,7 +65,7 @@ impl Store {
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let named = file.file_name().to_str().and_then(HashKey::parse).is_some();
             if named && is_old(&file.path(), older_than) {
-                // Remaining files are removed later.
+                // Files that cannot be removed now are removed later.
                 let _ = fs::remove_file(file.path());
             }
         }

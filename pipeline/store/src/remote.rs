@@ -45,7 +45,7 @@ use super::{
 pub use lease::RemoteLease;
 pub use tend::is_object_old;
 
-/// File of a cache with the address of its store.
+/// File of a cache that holds the address of its store.
 pub const MARK: &str = "REMOTE";
 /// Maximum number of attempts to read a pack whose bytes differ from the written bytes.
 const TRIALS: usize = 3;
@@ -160,7 +160,7 @@ pub fn shown(root: &Path) -> String {
     }
 }
 
-/// Name of a folder of tables, `tables/<pipeline>` of a store, as in [`shown`].
+/// Name of a folder `tables/<pipeline>`; in the copy of an object store, the name begins with the address of the store.
 pub fn shown_below(folder: &Path) -> String {
     let root = folder.ancestors().nth(2).filter(|root| is_copy(root));
     let below = |root: &Path| folder.strip_prefix(root).ok().map(|p| format!("{}/{}", shown(root), p.display()));
@@ -246,8 +246,8 @@ impl RemoteStore {
         Ok(mark.is_some())
     }
 
-    /// Removes the objects of a folder for which `gone` is true. The arguments are the first part of the object's name
-    /// below the folder, and the age of the object by the server's clock.
+    /// Removes the objects of a folder for which `gone` is true. The arguments of `gone` are the first part of the
+    /// object's name below the folder, and the age of the object by the server's clock.
     ///
     /// # Errors
     /// Fails if the server cannot be reached or reports an error.

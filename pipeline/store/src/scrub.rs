@@ -18,7 +18,7 @@ use super::{
 /// Note for a damaged file that the next run does not repair.
 const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
-/// Whether the records that other crates write into a store are intact.
+/// Functions that check whether the records that other crates write into a store are intact.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordChecks {
     /// A file of `runs`: the history of a pipeline.
@@ -82,7 +82,7 @@ fn read(
     }
     small(root, checks, &mut found)?;
     let packs: Vec<HashKey> = objects.catalogue().packs().map(|p| p.id).collect();
-    // Each file with its pack, if any, and a note.
+    // Each file, its key if it is a pack, and a note for the report.
     let mut files: Vec<(PathBuf, Option<HashKey>, &str)> =
         packs.iter().map(|id| (objects.file(*id), Some(*id), "")).collect();
     for pipeline in folders_of(&root.join("versions")) {
@@ -97,7 +97,7 @@ fn read(
                 found.damaged.insert(folder.join("version.json"), why);
                 continue;
             };
-            // Packs among the files are checked as packs, unless they are copies.
+            // Links to packs are checked with the packs; copies of packs are checked here.
             let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
             let is_link = |pack: &Option<String>, file: &Path| {
                 let id = pack.as_deref().and_then(HashKey::parse);
@@ -129,7 +129,7 @@ fn read(
     Ok(found)
 }
 
-/// Checks the small files of a store, each of which is read whole and verifies itself.
+/// Checks the small files of a store, each of which is read whole and can be verified without other files.
 fn small(root: &Path, checks: RecordChecks, found: &mut ScrubReport) -> Result<(), Fault> {
     let mut check = |file: PathBuf, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
         let bytes = match paths::read_regular(&file) {
@@ -161,7 +161,8 @@ fn small(root: &Path, checks: RecordChecks, found: &mut ScrubReport) -> Result<(
     Ok(())
 }
 
-/// Folders of small files that verify themselves; stores on disk and in object stores have the same ones.
+/// Folders of small files, each of which can be verified without other files. Stores on disk and in object stores have
+/// the same folders.
 pub(super) const SMALL: [&str; 5] = ["sources", "plans", "runs", COSTS, checkpoints::FOLDER];
 
 /// Whether the file `name` of one of the folders [`SMALL`] is intact.

@@ -213,7 +213,7 @@ pub struct SealedFile {
     schema: SchemaRef,
     /// Checksum of each leaf of each row group.
     crcs: Vec<u32>,
-    /// First row of each row group, and the end.
+    /// First row of each row group, then the total number of rows.
     starts: Vec<usize>,
 }
 
@@ -243,7 +243,7 @@ impl SealedFile {
             let rows = usize::try_from(group.num_rows()).map_err(StoreFileFault::damaged)?;
             starts.push(starts.last().copied().unwrap_or(0) + rows);
         }
-        // The other metadata of the footer are independent of the columns.
+        // The schema of the columns does not contain the other metadata of the footer.
         let schema = Schema::new(metadata.schema().fields().clone()).into();
         Ok(SealedFile { path: path.to_owned(), metadata, schema, crcs, starts })
     }
@@ -273,7 +273,7 @@ impl SealedFile {
         self.metadata.metadata().file_metadata().schema_descr()
     }
 
-    /// First row of each row group, and the end.
+    /// First row of each row group, then the total number of rows.
     pub fn starts(&self) -> &[usize] {
         &self.starts
     }

@@ -2,8 +2,8 @@
 //!
 //! A version is written under another name, and appears atomically when its folder is renamed. A version is the newest
 //! when the link `tables/<pipeline>` points to it. Unchanged files are linked from the packs and use no space. A reader
-//! that has resolved the link keeps its version until `gc` drops it. In an object store, which has no links, a version
-//! has a prefix, and a pointer object is written conditionally.
+//! that has resolved the link keeps its version until `gc` drops it. An object store has no links: a version is a
+//! prefix of object names, and a conditionally written object points to the newest version.
 
 mod manifest;
 
@@ -187,7 +187,7 @@ pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
 
 impl Store {
     /// Publishes `tables` and the reserved tables as the newest version, unless the newest version is equal. The tables
-    /// `kept` stay as in the previous version. Returns whether there is a new version.
+    /// `kept` are copied from the previous version. Returns whether there is a new version.
     ///
     /// # Errors
     /// Fails if the file system reports an error; the previous version then stays the newest.
@@ -274,7 +274,7 @@ impl Store {
         self.switch(publisher, &manifest, &from, Some(version))
     }
 
-    /// Entry of a pack, whose file may be missing from the copy of an object store.
+    /// Manifest entry of a pack. In the copy of an object store, the file of the pack may be missing.
     fn pack_entry(&self, id: HashKey, file: &Path, name: &str) -> Result<ManifestFile, Fault> {
         if self.remote().is_none() {
             return described(file, name, Some(id.to_string()));

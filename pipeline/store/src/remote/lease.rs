@@ -135,8 +135,8 @@ impl RemoteStore {
         Ok(false)
     }
 
-    /// Whether the holder has released its lease, or has ended: on this boot with this cache, it would hold the lock of
-    /// the cache, which this process holds.
+    /// Whether the holder has released its lease or has ended. A running holder on this boot with this cache would hold
+    /// the lock of the cache, but this process holds it.
     fn is_over(&self, content: &LeaseContent) -> bool {
         let boot = LockHolder::this().boot;
         content.holder.is_free() || (content.cache == self.cache && !boot.is_empty() && content.holder.boot == boot)

@@ -18,10 +18,11 @@ use super::{
     RemoteStore, io_fault, make_folder,
 };
 
-/// Folders with changing files, and the endings of these files.
+/// Folders with changing files, each with the extension of these files.
 const CHANGING: [(&str, &str); 3] = [("plans", ".json"), ("runs", ".jsonl"), (crate::COSTS, ".json")];
 
-/// Content of `tables/<pipeline>`: the newest version, in the form of the link of a store on disk, and a checksum.
+/// Content of the object `tables/<pipeline>`: the path of the newest version, as in the link of a store on disk, and a
+/// checksum.
 fn pointer(pipeline: &str, number: u64, sum: &str) -> String {
     format!("../versions/{pipeline}/{number}/tables\n{sum}\n")
 }
@@ -37,7 +38,7 @@ fn folder_of(pipeline: &str, number: u64) -> String {
     format!("versions/{pipeline}/{number}")
 }
 
-/// Whether a path with this name stays inside the folder.
+/// Whether the name is a single path component, so that the file is inside its folder.
 fn is_plain(name: &str) -> bool {
     let parts: Vec<Component> = Path::new(name).components().collect();
     matches!(parts.as_slice(), [Component::Normal(part)] if *part == name)
@@ -189,7 +190,7 @@ impl RemoteStore {
         each(&files, |file| self.file_at_hand(version, file)).map(drop)
     }
 
-    /// Copies the files of a version that are not packs into the cache.
+    /// Copies into the cache the files of a version that are not packs.
     ///
     /// # Errors
     /// Returns the errors of [`RemoteStore::at_hand`].
@@ -227,8 +228,8 @@ impl RemoteStore {
         self.keep(&path, &bytes)
     }
 
-    /// Publishes the version in `folder`, together with those of its files that are not packs, and moves the version to
-    /// its place in the cache. `check` fails if this process may no longer publish.
+    /// Publishes the version in `folder`: uploads its files except for packs, and moves the version to its place in the
+    /// cache. `check` fails if this process may no longer publish.
     ///
     /// # Errors
     /// Fails if `check` fails, if another process has published in the meantime, or if the server cannot be reached or
@@ -241,14 +242,14 @@ impl RemoteStore {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // The object is read before the lock is checked, because a process that takes the lock after the check replaces
-        // the object.
+        // The object is read before the lock is checked. If another process takes the lock after the check and
+        // publishes, the object has changed and is not replaced here.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");
         let bytes = fs::read(&path).map_err(|e| io_fault("read", &path, &e))?;
         let mut number = self.numbers(pipeline)?.last().map_or(1, |n| n + 1);
-        // A number belongs to the process that creates its manifest.
+        // A version number belongs to the process that creates its manifest.
         while !self.bucket.create(&format!("{}/version.json", folder_of(pipeline, number)), &bytes)? {
             number += 1;
         }

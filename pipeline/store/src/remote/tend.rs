@@ -199,7 +199,7 @@ impl RemoteStore {
         Ok(found)
     }
 
-    /// Checks the index and the small objects that verify themselves.
+    /// Checks the index, and the small objects that can be verified without other objects.
     fn scrub_small(&self, checks: RecordChecks, found: &mut ScrubReport) -> Result<(), Fault> {
         let mut check = |key: &str, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
             let Some(bytes) = self.bucket.get(key)? else { return Ok(()) };
