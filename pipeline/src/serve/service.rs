@@ -32,7 +32,7 @@ use super::{
     queries::{PlannedQuery, QueryRegistry, fault_status},
 };
 
-/// Catalogue of all pipelines in queries: `datafusion.PIPELINE.TABLE`.
+/// Name of the catalogue that holds all pipelines, as in `datafusion.PIPELINE.TABLE`.
 const CATALOG: &str = "datafusion";
 const TABLE: &str = "TABLE";
 
@@ -141,7 +141,7 @@ impl StoreQueryService {
         StoreQueryService { queries, token }
     }
 
-    /// Pipeline, table and columns of the requested tables.
+    /// Pipeline, name and columns of each requested table.
     async fn tables(
         &self,
         with_columns: bool,
@@ -273,7 +273,7 @@ impl FlightSqlService for StoreQueryService {
         query: CommandPreparedStatementQuery,
         request: Request<PeekableFlightDataStream>,
     ) -> Result<DoPutPreparedStatementResult, Status> {
-        /// One row is used, so reading stops at the second row.
+        /// A statement takes one row of values, so reading stops at the second row.
         const ROWS: usize = 2;
         let data = request.into_inner().map_err(FlightError::from);
         let mut rows = FlightRecordBatchStream::new_from_flight_data(data);

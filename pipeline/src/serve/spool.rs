@@ -101,7 +101,7 @@ impl SpoolWriter {
         self.0.news.notify_one();
     }
 
-    /// Ends the answer at once, without the waiting chunks.
+    /// Ends the answer at once and discards the waiting chunks.
     pub fn cut(&self, why: Status) {
         let mut state = self.0.state();
         // A client that has received all chunks also receives the end that the process reported.
@@ -194,7 +194,7 @@ mod tests {
         let spool = SpoolWriter::default();
         let reader = spool.reader();
         let piece = |n: usize| vec![n as u8; 1000 + n];
-        // There is no reader, and nothing waits.
+        // The reader does not read, and the writer does not wait.
         (0..20).for_each(|n| assert!(spool.put(piece(n), folder.path()).unwrap()));
         spool.end(Ok(()));
         assert_eq!(folder.path().read_dir().unwrap().count(), 0, "the file has no name");

@@ -55,7 +55,7 @@ pub enum AnswerBody {
 }
 
 impl AnswerBody {
-    /// The rest of a file of `size` bytes. The permit is released when the file has been read.
+    /// The next `size` bytes of a file, read in parts. The permit is released when the file has been read.
     pub fn of_file(mut file: File, size: u64, permit: OwnedSemaphorePermit) -> AnswerBody {
         let (sender, receiver) = mpsc::channel(2);
         tokio::task::spawn_blocking(move || {
@@ -63,7 +63,7 @@ impl AnswerBody {
             let mut left = size;
             while left > 0 {
                 let mut part = vec![0; usize::try_from(left).unwrap_or(PART).min(PART)];
-                // A file that ends early, or a client that has disconnected.
+                // Reading ends if the file is too short or the client has disconnected.
                 if file.read_exact(&mut part).is_err() {
                     break;
                 }

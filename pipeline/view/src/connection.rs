@@ -66,7 +66,8 @@ const HEAD_BYTES: usize = 32 << 10;
 const TEXT: &str = "text/javascript; charset=utf-8";
 const HTML: &str = "text/html; charset=utf-8";
 
-/// Policy of the page: nothing from another origin. Charts set styles of their elements.
+/// Policy of the page: nothing from another origin. Inline styles are permitted, because charts set the styles of their
+/// elements.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'";
 
@@ -74,9 +75,9 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
 pub struct ServerState {
     /// Hash of the token.
     pub token: blake3::Hash,
-    /// Values of the header `Host` that are answered.
+    /// Values of the header `Host` that the server accepts.
     pub hosts: [String; 2],
-    /// The page. It contains no data of the store, so that it is sent without delay.
+    /// The page. It contains no data of the store, so it can be sent without delay.
     pub page: Bytes,
     /// Queue of the workers.
     pub queue: ComputeQueue,
@@ -112,7 +113,7 @@ pub async fn accept(listener: TcpListener, connections: Arc<Semaphore>, state: A
             let io = TokioIo::new(ImpatientStream { stream, late: None });
             let mut server = http1::Builder::new();
             server.timer(TokioTimer::new()).header_read_timeout(HEAD).max_buf_size(HEAD_BYTES);
-            // A client that disconnects or is too slow.
+            // An error means that the client has disconnected or is too slow.
             let _ = server.serve_connection(io, service).await;
         });
     }
@@ -306,12 +307,12 @@ async fn write(program: &Path, arguments: &[String], path: &Path) -> Result<(), 
     }
 }
 
-/// Child process that ends with its request.
+/// Child process that is killed when its request ends.
 struct ChildGuard(std::process::Child);
 
 impl Drop for ChildGuard {
     fn drop(&mut self) {
-        // It may have ended.
+        // The process may have ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

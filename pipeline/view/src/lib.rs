@@ -1,7 +1,7 @@
-//! `magline view`: a page of a store, and the data that it asks for, over HTTP on the loopback interface.
+//! `magline view`: a page of a store, and the data that the page requests, over HTTP on the loopback interface.
 //!
-//! Every address contains a random token, and the server answers only requests for its own host name. It writes only
-//! the copy of an object store and temporary files of downloads.
+//! Every address contains a random token, and the server answers only requests for its own host name. The server writes
+//! only the copy of an object store and temporary files of downloads.
 
 mod answer;
 mod body;
@@ -68,13 +68,14 @@ pub struct ViewedSpec<'a> {
 pub struct ViewData<'a> {
     /// The store.
     pub store: &'a StoreView,
-    /// The spec, if the view is of a spec.
+    /// The spec; `None` if a store is viewed.
     pub spec: Option<&'a ViewedSpec<'a>>,
     /// The runs of the spec, once its plan is made.
     pub run: Option<&'a RunProgress<'a>>,
 }
 
-/// Makes the plan of a spec, and passes the progress of its runs to a function, which returns when the server ends.
+/// Makes the plan of a spec, then passes the progress of its runs to the given function, which returns when the server
+/// ends.
 pub type PlanMaker<'a, E> = Box<dyn FnOnce(&dyn Fn(&RunProgress)) -> Result<(), E> + Send + 'a>;
 
 impl ViewSettings {

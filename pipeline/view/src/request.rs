@@ -14,7 +14,7 @@ pub enum ViewRequest {
     Sections,
     /// The list of all tables.
     Catalogue,
-    /// Lines of a table at a point.
+    /// Lines of a table at a sweep point.
     Lines(String, ViewPoint),
     /// Series of a line.
     Series(SeriesRequest),
@@ -24,7 +24,7 @@ pub enum ViewRequest {
     Against(String, String, Option<String>),
     /// Progress of a run, or the list of runs.
     Run,
-    /// Map at a point, its maximum width, and the values to show.
+    /// Map at a sweep point, with its maximum width and the values to show.
     Map(String, ViewPoint, Option<usize>, MapBand),
     /// Map at a sweep point, along a line between two positions (latitude and longitude in degrees).
     Profile(String, ViewPoint, [(f64, f64); 2]),
@@ -34,13 +34,13 @@ pub enum ViewRequest {
     Coast(GeographicRegion),
     /// Lineage of a table.
     Lineage(String),
-    /// Losses of the training of a model at a point.
+    /// Training losses of a model at a sweep point.
     Training(String, ViewPoint),
-    /// Importance of the inputs of a model at a point.
+    /// Importance of the inputs of a model at a sweep point.
     Importance(String, ViewPoint),
     /// Sources and tables of a pipeline with their parameters.
     Parameters(String),
-    /// Arguments of this program that write a table in a format.
+    /// Table to download, and the file format.
     Download(String, DownloadFormat),
 }
 
