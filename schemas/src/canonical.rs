@@ -27,10 +27,10 @@ enum ColumnConversion {
 
 impl FlightConversion {
     /// The conversion from `source` to the flight table.
-    /// Text and numbers become `flight` and `line`. Every column with a canonical unit becomes Float64 in that unit;
-    /// other floats become Float64, other whole numbers Int64, and other types are unchanged. Columns keep the file's
-    /// order after `flight`, `line`, `tt`. Null numbers become NaN. A reading of exactly 0 nT of an uncompensated
-    /// scalar magnetometer is a dropout and becomes NaN.
+    /// `flight` and `line` are text or numbers in the file, and become text. Every column with a canonical unit becomes
+    /// Float64 in that unit; other floats become Float64, other whole numbers Int64, and other types are unchanged.
+    /// Columns keep the file's order after `flight`, `line`, `tt`. Null numbers become NaN. A reading of exactly 0 nT
+    /// of an uncompensated scalar magnetometer is a dropout and becomes NaN.
     ///
     /// # Errors
     /// Fails with a fault for every missing key, wrong unit and wrong type. Each fault names its column.

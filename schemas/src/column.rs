@@ -211,7 +211,7 @@ impl fmt::Display for Column {
     }
 }
 
-/// Columns of a table on one edge of the plan, and the sample rate if known.
+/// Columns of a table in the plan, and its sample rate if known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableShape {
     /// The columns in the table's order.

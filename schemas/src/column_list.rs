@@ -17,7 +17,7 @@ impl ColumnList {
         self.into_iter()
     }
 
-    /// The columns as shared values.
+    /// The columns as shared pointers.
     pub fn shared(&self) -> &[Arc<Column>] {
         &self.0
     }

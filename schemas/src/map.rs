@@ -4,8 +4,9 @@
 //! table then has northing and easting instead of latitude and longitude; field metadata describe the coordinate
 //! system.
 //!
-//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]). One table
-//! can then hold maps in several systems, such as the maps that a sweep makes at its points.
+//! A map that a stage yields has columns for both pairs of coordinates and for the code of the coordinate system
+//! ([`made_columns`]). One table can then hold maps in several systems, such as the maps that a sweep makes at its
+//! points.
 
 use arrow_schema::{DataType, Field, Schema};
 

@@ -63,7 +63,7 @@ pub struct MetricBaseline {
 /// Limit beyond which a value of a metric is flagged by a warning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MetricLimit {
-    /// Largest factor above or below the target of [`MetricPreference::Near`].
+    /// Largest accepted factor by which a value is above or below the target of [`MetricPreference::Near`].
     Factor(f64),
     /// Smallest accepted value.
     AtLeast(f64),
@@ -254,7 +254,7 @@ pub struct MetricDisplay {
 }
 
 impl MetricDisplay {
-    /// Only the table of scores.
+    /// Shown only in the table of scores.
     pub const NOWHERE: Self = Self { column: None, weight: 0, rank: None, heat_map: false };
 
     /// Adds a column of the pooled scores.
@@ -282,7 +282,8 @@ mod tests {
         let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(WeightedScore::from);
         assert_eq!(PoolingRule::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((PoolingRule::Mean.value(lines()), PoolingRule::Sum.value(lines())), (3.75, 7.0));
-        // The standard error of a mean of equal errors is inversely proportional to the square root of their number.
+        // For equal errors, the standard error of the mean is inversely proportional to the square root of their
+        // number.
         assert_eq!(PoolingRule::Error.value([(0.4, 9.0); 4].into_iter().map(WeightedScore::from)), 0.2);
         let all = [PoolingRule::Rms, PoolingRule::Mean, PoolingRule::Sum, PoolingRule::Quantile(50)];
         assert!(all.iter().all(|p| p.value(std::iter::empty()).is_nan()));

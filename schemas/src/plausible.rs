@@ -102,7 +102,7 @@ impl PhysicalQuantity {
         }
     }
 
-    /// Units in which such a value occurs, the canonical one first.
+    /// Units in which the quantity is commonly given, the canonical unit first.
     fn units(self) -> &'static [&'static str] {
         match self {
             PhysicalQuantity::Time => &["s", "ms", "us", "ns"],
@@ -113,7 +113,7 @@ impl PhysicalQuantity {
             PhysicalQuantity::Speed => &["m/s", "km/h", "kn"],
             PhysicalQuantity::Rate => &["deg/s", "rad/s"],
             PhysicalQuantity::TotalField | PhysicalQuantity::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
-            // Without a lower limit, too many units would be possible.
+            // These quantities can be arbitrarily small, so a value would be plausible in too many units.
             PhysicalQuantity::SpecificForce
             | PhysicalQuantity::FieldComponent
             | PhysicalQuantity::Anomaly
@@ -176,8 +176,9 @@ pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
 const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
 const LONG_LINE: usize = 1_000;
 
-/// Limits of a residual field, if the `values` of a total-field column are a residual field. This is so if few of them
-/// are plausible total fields, and they are negative or vary too much for a total field in another unit.
+/// Limits of a residual field; `None` unless the `values` of a total-field column are a residual field. The values are
+/// a residual field if few of them are plausible total fields, and if they are negative or vary more than a total field
+/// in another unit would.
 pub fn residual(limits: &PlausibleRange, values: &[f64]) -> Option<PlausibleRange> {
     if limits.kind != PhysicalQuantity::TotalField {
         return None;
@@ -239,8 +240,8 @@ pub enum ProbableCause {
     Unix(f64),
 }
 
-/// The probable cause of a `value` outside `limits`, such as a unit other than the one in the file or spec (`declared`;
-/// if it is empty, the canonical unit).
+/// The probable cause of a `value` outside `limits`, such as a wrong unit. `declared` is the unit in the file or spec;
+/// if it is empty, the canonical unit.
 pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<ProbableCause> {
     let canonical = *limits.kind.units().first()?;
     let declared = if declared.is_empty() { canonical } else { declared };
@@ -249,7 +250,7 @@ pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<Pro
         let factor = convert(unit, canonical)?;
         let other = convert(declared, canonical) != Some(factor);
         let value = reading * factor;
-        // Within 1 km of the origin, any number is plausible in a small unit.
+        // In a sufficiently small unit, any number is a position within 1 km of the origin.
         let origin =
             matches!(limits.kind, PhysicalQuantity::Latitude | PhysicalQuantity::Longitude) && value.abs() < 0.01;
         (other && !origin && limits.holds(value)).then_some((*unit, value))

@@ -7,7 +7,7 @@ use std::{
 
 /// The metadata key that lists corrections, such as `core,diurnal`.
 const REMOVED: &str = "removed";
-/// Metadata key of the correction that is applied by subtracting a column.
+/// Metadata key of a column that can be subtracted from a reading: the correction that the subtraction applies.
 const CORRECTION: &str = "correction";
 
 /// A correction of a magnetic reading.

@@ -197,8 +197,8 @@ pub trait SurveyAggregator: Send + Sync + 'static {
     /// Fails for a line that cannot be used; the computation continues without it.
     fn map(&self, line: &LineInput) -> Result<Self::Part, Fault>;
 
-    /// The points that cannot use a reduced line, by position, and the reasons. They continue without the line. All
-    /// points continue without a line that [`SurveyAggregator::map`] rejected.
+    /// The points that cannot use a reduced line, by position, and the reasons. These points continue without the line.
+    /// All points continue without a line that [`SurveyAggregator::map`] rejected.
     fn refused(&self, _part: &Self::Part) -> Vec<(usize, Fault)> {
         vec![]
     }

@@ -42,7 +42,7 @@ impl ParamDoc {
     }
 }
 
-/// A parameter of a group while it is read.
+/// A parameter of a group, as its reader needs it.
 pub struct Param<'a, T> {
     /// The key.
     pub name: &'static str,
@@ -95,7 +95,7 @@ impl<'a> ParamReader<'a> {
         ParamReader { owner, lists, args, at, faults: vec![] }
     }
 
-    /// The given entry of a key.
+    /// The entry of a key; `None` if the table does not contain it.
     pub fn given(&self, name: &str) -> Option<&'a SpecEntry> {
         self.args.get(name)
     }
@@ -182,7 +182,7 @@ impl<'a> ParamReader<'a> {
     }
 
     /// Reads all keys of the table as a group. The values of `base`, if any, replace the defaults. Returns the group,
-    /// if its own keys are valid, and all faults, including unknown keys.
+    /// if its own keys are valid, and all faults, including those of unknown keys.
     pub fn group<T: Params>(mut self, base: Option<&T>) -> (Option<T>, Vec<Fault>) {
         let group = T::read(&mut self, base);
         let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
@@ -216,7 +216,7 @@ pub fn collect_doc(lines: &[&str]) -> String {
     text
 }
 
-/// Description of the values that a type permits without a rule.
+/// Rule for a parameter that declares none: one of the words of its type, if the type has words.
 #[doc(hidden)]
 pub fn words_rule<T: ParamValue>() -> Rule {
     if T::WORDS.is_empty() { Rule::Any } else { Rule::OneOf(T::WORDS) }

@@ -30,7 +30,7 @@ pub trait ChoiceKind: Send + Sync + 'static {
         vec![]
     }
 
-    /// Keys of the surrounding table that this choice uses, but not every choice.
+    /// Keys of the surrounding table that this choice uses and some other choices do not use.
     fn takes(&self) -> &'static [&'static str] {
         &[]
     }
@@ -50,7 +50,7 @@ fn spelt<K: ChoiceKind>(kind: &K) -> String {
 
 /// Keys of a choice.
 pub struct ChoiceKeys<T: ?Sized> {
-    /// Keys in the form that the choice uses.
+    /// Values of the keys, in the type that the choice uses.
     pub keys: Arc<T>,
     /// Keys in canonical spelling.
     pub spelt: Vec<(&'static str, String)>,
@@ -159,7 +159,7 @@ impl<K: ChoiceKind> ChoiceSelection<K> {
         Self { kind, keys, spelt: vec![], kinds: Arc::new(ChoiceList::new(vec![kind])) }
     }
 
-    /// Reason why `key` has no effect with the selected choice, because other choices own it. `None` if it has an
+    /// Reason why `key` has no effect with the selected choice: it belongs to other choices. `None` if it has an
     /// effect.
     pub fn foreign(&self, key: &str) -> Option<Fault> {
         self.kinds.foreign(self.kind, key)

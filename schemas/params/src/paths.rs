@@ -19,7 +19,7 @@ const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 /// Reserved device names with a digit from 1 to 9.
 const NUMBERED: [&str; 2] = ["com", "lpt"];
 
-/// Whether a name is reserved on Windows. A set or store may be copied there.
+/// Whether a name is reserved on Windows. A published set or a store may be copied to Windows.
 fn is_device(name: &str) -> bool {
     let stem = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
     let numbered = |start: &&str| {

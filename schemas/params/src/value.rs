@@ -308,7 +308,7 @@ fn several(words: &str) -> String {
     }
 }
 
-/// Values by names that are not known in advance, such as currents.
+/// Values with names that are not known in advance, such as the names of electric currents.
 impl<T: ParamValue> ParamValue for BTreeMap<String, T> {
     const TYPE: &'static str = "table";
 

@@ -23,7 +23,7 @@ pub struct StageEntry {
     pub role: Option<StageRole>,
     /// Inputs.
     pub inputs: &'static [InputDecl],
-    /// Purpose, use, rejected input, source.
+    /// Documentation: purpose, use, rejected input and source.
     pub doc: String,
     /// A fragment of a spec that uses it, with the stage's name as the table's name. In the order of the catalogue, the
     /// examples make one spec over flights `flights`, a map `anomaly` and a record `observatory`. The reference prints

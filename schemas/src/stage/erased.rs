@@ -19,14 +19,14 @@ pub type AnySharedData = Arc<dyn Any + Send + Sync>;
 /// The type-erased result of [`SurveyAggregator::map`] for a line.
 pub type AnyLinePart = Box<dyn Any + Send>;
 
-/// A stage with its parameters, by grain. It is also a [`StageDyn`].
+/// A stage with its parameters, by grain. Dereferences to a [`StageDyn`].
 #[derive(Clone)]
 pub enum AnyStage {
-    /// It works on one line at a time.
+    /// A stage that works on one line at a time.
     Line(Arc<dyn LineStageDyn>),
-    /// It works on all lines of a survey.
+    /// A stage that works on all lines of a survey.
     Survey(Arc<dyn SurveyStageDyn>),
-    /// It works on maps.
+    /// A stage that works on maps.
     Map(Arc<dyn MapStageDyn>),
 }
 
@@ -102,9 +102,9 @@ pub trait StageDyn: Send + Sync {
     /// See [`Stage::yields`].
     ///
     /// # Errors
-    /// Fails in the same cases.
+    /// Fails in the cases of [`Stage::yields`].
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
-    /// Itself as `Any`, for downcasts.
+    /// The stage as `Any`, for downcasts.
     fn as_any(&self) -> &dyn Any;
 }
 
@@ -169,14 +169,14 @@ pub trait LineStageDyn: StageDyn {
     /// See [`LineStage::prepare`].
     ///
     /// # Errors
-    /// Fails in the same cases.
+    /// Fails in the cases of [`LineStage::prepare`].
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<AnySharedData, Fault>;
     /// See [`LineStage::prepare_key`].
     fn prepare_key(&self) -> String;
     /// See [`LineStage::run`].
     ///
     /// # Errors
-    /// Fails in the same cases. Also fails for `prepared` data of another stage.
+    /// Fails in the cases of [`LineStage::run`]. Also fails for `prepared` data of another stage.
     fn run(&self, line: &LineInput, prepared: &AnySharedData) -> LineOutput;
     /// See [`LineStage::run_points`]; `self` determines only the type. A point of another stage has a fault.
     fn run_points(&self, points: &[AnyLinePoint]) -> Vec<LineOutput>;
@@ -240,7 +240,7 @@ pub trait SurveyAggregatorDyn: Send + Sync {
     /// See [`SurveyAggregator::map`].
     ///
     /// # Errors
-    /// Fails in the same cases.
+    /// Fails in the cases of [`SurveyAggregator::map`].
     fn map(&self, line: &LineInput) -> Result<AnyLinePart, Fault>;
     /// See [`SurveyAggregator::refused`].
     fn refused(&self, part: &AnyLinePart) -> Vec<(usize, Fault)>;
@@ -279,7 +279,7 @@ pub trait MapStageDyn: StageDyn {
     /// See [`MapStage::run`].
     ///
     /// # Errors
-    /// Fails in the same cases.
+    /// Fails in the cases of [`MapStage::run`].
     fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault>;
 }
 

@@ -72,11 +72,11 @@ pub enum StageRole {
 pub enum InputKind {
     /// A table of flight lines. A line stage receives the current line, and a survey stage each line in turn.
     Lines,
-    /// One or several such tables.
+    /// One or several tables of flight lines.
     ManyLines,
     /// The model table of a fit.
     Model,
-    /// One or several such tables.
+    /// One or several model tables.
     ManyModels,
     /// An anomaly map.
     Map,
@@ -88,12 +88,13 @@ pub enum InputKind {
     /// station's record. [`crate::LineStage::prepare`] receives the columns of all its lines together, in the order of
     /// flight and line.
     Record,
-    /// One or several such tables.
+    /// One or several tables as for [`InputKind::Record`].
     ManyRecords,
 }
 
 impl InputKind {
-    /// Whether the stage receives the current line of this input. It processes the lines that exist in all such inputs.
+    /// Whether the stage receives the current line of this input. The stage processes the lines that exist in all such
+    /// inputs.
     pub const fn is_by_line(self) -> bool {
         match self {
             InputKind::Lines | InputKind::ManyLines | InputKind::Scores => true,
@@ -106,12 +107,12 @@ impl InputKind {
         }
     }
 
-    /// Whether all its lines are available to each line of the other inputs.
+    /// Whether all lines of this input are available to each line of the other inputs.
     pub const fn is_record(self) -> bool {
         matches!(self, InputKind::Record | InputKind::ManyRecords)
     }
 
-    /// Whether it may be several tables.
+    /// Whether this input may be several tables.
     pub const fn is_many(self) -> bool {
         match self {
             InputKind::ManyLines | InputKind::ManyModels | InputKind::ManyMaps | InputKind::ManyRecords => true,
