@@ -103,7 +103,7 @@ fn grows(function: &ScalarFunction, expr: &Expr, schema: &DFSchema) -> bool {
             _ => true,
         },
         "regexp_replace" => text(args.get(2)).is_none_or(|to| !to.is_empty()),
-        // Expressions without a type are reported later.
+        // An expression whose type cannot be determined is rejected later.
         _ => expr.get_type(schema).is_ok_and(|kind| {
             let small = kind.is_numeric() || kind.is_temporal() || matches!(kind, DataType::Boolean | DataType::Null);
             !small

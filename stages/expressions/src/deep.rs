@@ -5,7 +5,7 @@ use std::{ops::ControlFlow, panic::resume_unwind, thread};
 use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
 use schemas::Fault;
 
-/// Size of the large stack, in bytes. Only address space is reserved: a page uses memory after its first access.
+/// Size of the large stack, in bytes. Only address space is reserved: a page uses no memory before its first access.
 pub const STACK: usize = 1 << 30;
 /// Maximum length of an SQL text, in bytes. Together with [`STACK`] it limits every recursion over the text.
 const LONGEST: usize = 1 << 20;

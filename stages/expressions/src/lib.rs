@@ -110,7 +110,7 @@ fn calls_a_function(expr: &Expr) -> Result<bool, DataFusionError> {
     expr.exists(|e| Ok(matches!(e, Expr::ScalarFunction(_))))
 }
 
-/// The expression with functions that can be evaluated: `coalesce`, for example, becomes a `case`.
+/// The expression, rewritten with functions that can be evaluated: `coalesce`, for example, becomes a `case`.
 fn simplified(expr: Expr, schema: &DFSchema) -> Result<Expr, DataFusionError> {
     let context = SimplifyContext::builder().with_schema(Arc::new(schema.clone())).build();
     let simplifier = ExprSimplifier::new(context);
@@ -170,7 +170,7 @@ impl Expression {
 
     fn read(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         let expr = parse(sql, shape, subject)?;
-        // The checks below recurse without a limit.
+        // The nesting depth is checked first, because the checks below recurse without a limit.
         row::shallow(&expr, subject)?;
         let (unit, terms) = (unit::infer_unit(&expr, shape)?, sum::signed_terms(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
@@ -189,7 +189,7 @@ impl Expression {
     /// Values, one for each row of `batch`, which must contain [`Expression::columns`].
     ///
     /// # Errors
-    /// Fails for a column that is missing or of another type, or for values that it cannot be evaluated on.
+    /// Fails for a column that is missing or of another type, or for values on which it cannot be evaluated.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let rows = batch.num_rows();
         let column = |field: &Arc<Field>| {
@@ -231,7 +231,7 @@ impl Expression {
 /// time, because intermediate values may be large.
 ///
 /// # Errors
-/// Fails for values that it cannot be evaluated on.
+/// Fails for values on which it cannot be evaluated.
 pub fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<ArrayRef, DataFusionError> {
     let rows = batch.num_rows();
     let texts = batch.schema_ref().fields().iter().any(|f| !f.data_type().is_numeric());
@@ -253,7 +253,7 @@ fn has_text(expr: &Arc<dyn PhysicalExpr>, schema: &Schema) -> bool {
     expr.data_type(schema).is_ok_and(is_text) || expr.children().into_iter().any(|child| has_text(child, schema))
 }
 
-/// The column with null for NaN.
+/// The column with nulls instead of NaN.
 fn known(array: &ArrayRef) -> ArrayRef {
     match array.as_primitive_opt::<Float64Type>() {
         Some(numbers) if numbers.values().iter().any(|x| x.is_nan()) => {
@@ -263,7 +263,8 @@ fn known(array: &ArrayRef) -> ArrayRef {
     }
 }
 
-/// The expression with real dividends. In SQL, the quotient of whole numbers is a whole number, so `1/3` would be 0.
+/// The expression with real division: every dividend is converted to Float64. In SQL, the quotient of whole numbers is
+/// a whole number, so `1/3` would be 0.
 fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| match e {
         Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right }) => {

@@ -23,7 +23,7 @@ const KEEPING: [&str; 10] =
 /// The unit of `expr` over the columns of `shape`.
 ///
 /// # Errors
-/// Fails if values of different units are added, compared, or alternatives of one choice.
+/// Fails if values of different units are added or compared, or are alternatives of one choice.
 pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fault> {
     let unit_of = |e: &Expr| infer_unit(e, shape);
     let same = |each: &mut dyn Iterator<Item = &Expr>| -> Result<ExpressionUnit, Fault> {
@@ -33,7 +33,7 @@ pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fau
         }
         Ok(unit)
     };
-    // The operands have units to check; a Boolean has none.
+    // The units of the operands are checked; the Boolean result has no unit.
     let truth = |each: &mut dyn Iterator<Item = &Expr>| same(each).map(|_| ExpressionUnit::Unknown);
     match expr {
         Expr::Literal(..) => Ok(ExpressionUnit::Any),

@@ -104,7 +104,7 @@ pub enum ImportanceError<E = Infallible> {
     OneBlock {
         /// The number of rows.
         rows: usize,
-        /// The rows of a block.
+        /// The number of rows of a block.
         block: usize,
     },
     /// All predictions are equal, so there is no variance to divide among the groups.
@@ -126,7 +126,7 @@ pub enum ImportanceError<E = Infallible> {
     },
 }
 
-/// Predictions of the model for rows of `width` columns, with `each` finite numbers per row.
+/// Predictions of the model for rows of `width` columns: `each` numbers per row, all finite.
 fn answers<E>(
     model: &PredictionFunction<'_, E>,
     rows: &[f64],

@@ -2,7 +2,7 @@
 //! Meer 2025.
 //!
 //! A [`NetworkShape`] defines a network as a function of one vector of parameters; [`train`] finds the parameters. The
-//! caller scales linear terms, target and, by [`InputScaling`](crate::inputs::InputScaling), inputs.
+//! caller scales the linear terms, the target and, with [`InputScaling`](crate::inputs::InputScaling), the inputs.
 //!
 //! ```
 //! use learning::network::{

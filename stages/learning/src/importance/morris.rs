@@ -98,7 +98,7 @@ pub fn elementary_effects<E>(
             let (from, to) = points[place * width..][..2 * width].split_at(width);
             let moved = |column: usize| to[column] - from[column];
             let group = groups.iter().position(|columns| columns.iter().any(|j| moved(*j).abs() > 0.5 * step));
-            // A step that moves no group leaves one group with too few effects, which is an error below.
+            // If a step moves no group, some group has too few effects, which is rejected below.
             let Some(group) = group else { continue };
             let change = (pair[1] - pair[0]) / step;
             all[group].effects.push(match groups[group][..] {

@@ -176,7 +176,7 @@ pub(super) struct TransformerEncoder {
     queries: Vec<f64>,
     weights: Vec<f64>,
     merged: Vec<f64>,
-    /// Sums before the first normalisation and after it, and the dense layer with its slopes.
+    /// Inputs and outputs of the first normalisation, then the outputs and the slopes of the dense layer.
     sums: Vec<f64>,
     middle: Vec<f64>,
     out: Vec<f64>,
@@ -325,7 +325,8 @@ impl FeatureExtractor for TransformerEncoder {
         });
         let mut none = vec![0.0; 3 * units];
         let (d_sums, d_more) = (&mut self.d_sums[..samples * stride], &mut self.d_more[..samples * stride]);
-        // `d_sums` holds the derivatives along the residual connection, and `d_more` the derivatives through a layer.
+        // `d_sums` holds the derivatives along the residual connection, and `d_more` the derivatives through the layer
+        // that the connection bypasses.
         self.norms[1].backward((d_features, units), (d_sums, stride), (g2, o2));
         d_more.iter_mut().zip(&*d_sums).zip(&self.slopes).for_each(|((more, d), slope)| *more = d * slope);
         self.dense.add(&self.middle[..samples * stride], stride, d_more, wf, bf);

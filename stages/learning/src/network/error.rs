@@ -54,7 +54,7 @@ pub enum TrainingError {
     /// The initial state does not match the network.
     #[error("there are {given} initial parameters, but this network requires {expected} finite ones")]
     Start {
-        /// Number of finite parameters; if the number of coefficients or moments is wrong, that number.
+        /// Number of finite parameters, or the wrong number of coefficients or moments.
         given: usize,
         /// Required number.
         expected: usize,

@@ -43,7 +43,8 @@ impl WeightPanels {
         self.values.fill(0.0);
     }
 
-    /// Visits the values by unit with `visit(row, unit, value)`: `row(0)` holds biases and `row(1 + input)` weights.
+    /// Calls `visit(row, unit, value)` for each value. Row 0 holds the biases, and row 1 + `input` the weights of an
+    /// input.
     fn each(&mut self, mut visit: impl FnMut(usize, usize, &mut f64)) {
         let (mut start, mut rest) = (0, self.values.as_mut_slice());
         while start < self.units {
@@ -193,7 +194,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Uses only as many vectors as the K numbers fill.
+    // Only the vectors that the K numbers fill are used.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {

@@ -106,7 +106,8 @@ impl LbfgsState {
     }
 }
 
-/// A step that satisfies the Wolfe conditions. If the number of evaluations does not suffice, the best evaluated step.
+/// A step that satisfies the Wolfe conditions, or the best evaluated step if the number of evaluations does not
+/// suffice.
 fn search(
     start: &LineSearchPoint,
     first: f64,
@@ -177,7 +178,7 @@ fn search(
     low
 }
 
-/// Minimum of the cubic through the values and slopes of two points. If the cubic has no minimum, the midpoint.
+/// Minimum of the cubic through the values and slopes of two points; the midpoint if the cubic has no minimum.
 fn cubic_minimum(one: &LineSearchPoint, other: &LineSearchPoint) -> f64 {
     let (a, b) = if one.step <= other.step { (one, other) } else { (other, one) };
     let d1 = a.slope + b.slope - 3.0 * (a.objective - b.objective) / (a.step - b.step);

@@ -14,7 +14,7 @@ use super::shape::{NetworkForm, derived_seed, unit_uniform};
 use super::training::{NetworkSamples, NetworkTraining, SparseGroupLasso};
 use super::windowed::{FeatureExtractor, MemoryLayers, NetworkArchitecture, WindowedNetworkShape};
 
-/// Number of blocks whose gradients are in memory together.
+/// Number of blocks whose gradients are in memory at the same time.
 const ROUND: usize = 64;
 /// Work (number of rows times number of parameters) below which a second thread costs more time than it saves.
 const LEAST_TO_SPREAD: usize = 200_000;
@@ -84,11 +84,11 @@ struct GradientContribution {
     gradient: Vec<f64>,
 }
 
-/// Block of rows, as a part of a mean.
+/// Block of the rows over which a mean is computed.
 struct GradientBlock<'r> {
     rows: BatchRows<'r>,
     range: Range<usize>,
-    /// Number of rows of the mean that the block belongs to.
+    /// Number of rows over which the mean is computed.
     count: usize,
     dropout: Option<Dropout>,
 }

@@ -111,7 +111,7 @@ impl NetworkShape {
         if self.form.is_vector() { ROW } else { self.linear }
     }
 
-    /// Number of rows of these inputs, or of these terms if there are no inputs.
+    /// Number of rows of the inputs `x`, or of the terms `a` if the form has no inputs.
     pub(super) fn rows(&self, x: &[f64], a: &[f64]) -> usize {
         if self.form == NetworkForm::VectorOnly { a.len() / ROW } else { x.len() / self.inputs.max(1) }
     }
@@ -150,8 +150,8 @@ impl NetworkShape {
         self.linear_start() + linear + usize::from(self.has_constant())
     }
 
-    /// The name of each parameter, counted from 1. `w1[3,17]` is the weight of unit 3 of the first layer for its input
-    /// 17, `b1[3]` its bias, `linear[4]` the coefficient of a linear term.
+    /// The name of each parameter, with indices that count from 1. `w1[3,17]` is the weight of unit 3 of the first
+    /// layer for its input 17, `b1[3]` its bias, `linear[4]` the coefficient of a linear term.
     pub fn names(&self) -> Vec<String> {
         let mut names = Vec::with_capacity(self.parameters());
         for (number, layer) in (1..).zip(self.layers()) {

@@ -24,8 +24,8 @@ pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> Contro
 
 /// Trains a network from a start, or resumes from the state at the end of an epoch of the same training.
 ///
-/// Results are bit-identical on any number of threads, for resumed training, and for training together with other
-/// networks ([`train_together`]).
+/// Results are bit-identical on any number of threads. Neither resuming nor training together with other networks
+/// ([`train_together`]) changes them.
 ///
 /// # Errors
 /// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, or patience
@@ -77,7 +77,7 @@ pub struct TrainingJob<'a> {
     samples: NetworkSamples<'a>,
     validation: Option<SamplesWithRunStarts<'a>>,
     layers: Vec<DenseLayer>,
-    /// For a curriculum: whether each sample belongs to the first phases.
+    /// For a curriculum: whether the first phases use each sample.
     near: Option<Vec<bool>>,
     objective: TrainingObjective<'a>,
     state: TrainingState,

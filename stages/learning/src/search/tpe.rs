@@ -64,7 +64,7 @@ pub fn propose(
     }
     match best {
         (true, _, values) => values,
-        // All values nearby have been proposed, so any new value is used, if a new value exists.
+        // All values nearby have been proposed, so a new value from the whole range is used, if one exists.
         (false, _, values) => {
             let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
@@ -89,8 +89,8 @@ impl<'a> ParzenDensity<'a> {
         };
         let centres: Vec<Vec<f64>> = trials.iter().map(|t| dimensions.iter().zip(*t).map(middle).collect()).collect();
         let n = centres.len().max(1) as f64;
-        // Scott's rule, with a factor of 0.2 for a scale of length 1. With a lower limit, the kernels of a few trials
-        // leave no gaps.
+        // Scott's rule, with a factor of 0.2 for a scale of length 1. The lower limit prevents gaps between the kernels
+        // of a few trials.
         let scott = 0.2 * n.powf(-1.0 / (dimensions.len() as f64 + 4.0));
         let width = scott.max(1.0 / (n + 2.0).min(100.0));
         ParzenDensity { dimensions, centres, width }
@@ -120,8 +120,8 @@ impl<'a> ParzenDensity<'a> {
         each.collect()
     }
 
-    /// Total weight of the kernel of an unordered choice: 1 for the trial's choice, plus the reciprocal of the number
-    /// of kernels for each choice.
+    /// Total weight of the kernel of an unordered choice: 1 for the trial's own choice, plus 1/k for each possible
+    /// choice, where k is the number of kernels.
     fn share(&self, choices: usize) -> f64 {
         1.0 + choices as f64 / self.kernels()
     }
