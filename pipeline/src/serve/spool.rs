@@ -47,7 +47,7 @@ struct SpoolShared {
 #[derive(Clone, Default)]
 pub struct SpoolWriter(Arc<SpoolShared>);
 
-/// Read side of a spool, for the client; dropping it makes the query obsolete.
+/// Read side of a spool, for the client; when it is dropped, the query is no longer needed.
 pub struct SpoolReader(Arc<SpoolShared>);
 
 impl SpoolShared {

@@ -76,14 +76,14 @@ impl AttemptMarker {
     }
 }
 
-/// Attempts of this process in progress.
+/// Attempts of this process that are in progress.
 static UNDER_WAY: Mutex<Vec<AttemptMarker>> = Mutex::new(vec![]);
 
 fn under_way() -> MutexGuard<'static, Vec<AttemptMarker>> {
     UNDER_WAY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes the running attempts of this process after a stop signal, which is not the fault of a unit.
+/// Removes the running attempts of this process after a stop signal, because no unit has caused the signal.
 pub fn withdraw() {
     let all = std::mem::take(&mut *under_way());
     all.iter().for_each(AttemptMarker::remove);
@@ -131,7 +131,7 @@ pub struct UnitAttempts {
 }
 
 impl UnitAttempts {
-    /// Adds one attempt with the text recorded for the unit.
+    /// Counts one attempt, given the text recorded for the unit.
     fn add(&mut self, message: &str) {
         match message.strip_prefix(WHY) {
             Some(why) => {

@@ -84,7 +84,7 @@ pub fn path(root: &Path, id: HashKey) -> PathBuf {
     root.join("objects").join(&name[..2]).join(format!("{name}.parquet"))
 }
 
-/// Size and modification time, in the form of the catalogue.
+/// Size in bytes and modification time in ns since 1970, as in the catalogue.
 pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
     let since = about.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
     (about.len(), since.and_then(|d| u64::try_from(d.as_nanos()).ok()).unwrap_or(0))

@@ -126,7 +126,7 @@ impl Deref for Store {
 pub struct NewUnit {
     /// Key of the unit.
     pub key: HashKey,
-    /// Hash of the other columns: see [`PackedUnit`].
+    /// Hash of the unit's other columns: see [`PackedUnit`].
     pub passthrough_hash: u64,
     /// Rows in the schema of the pack, or the fault of the computation.
     pub rows: Result<RecordBatch, Fault>,
@@ -274,7 +274,7 @@ impl Store {
         self.remote().is_some()
     }
 
-    /// Copies a file of the store into its folder, if it exists.
+    /// Copies a file of the store, if it exists, into the folder.
     ///
     /// # Errors
     /// Fails if an object store cannot be reached or reports an error.
@@ -351,7 +351,7 @@ impl Store {
         self.pack(id, HashKey::from_parts(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())
     }
 
-    /// Writes a pack: the rows of its units one after another, in row groups that end with a unit if possible.
+    /// Writes a pack: the rows of its units one after another, in row groups that end at the end of a unit if possible.
     ///
     /// # Errors
     /// Fails if the file system reports an error.

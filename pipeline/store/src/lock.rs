@@ -104,7 +104,7 @@ fn prefix(pipeline: &str) -> String {
     format!("{pipeline}.lease-")
 }
 
-/// Whether a file of the folder of locks is intact: a lease names its holder, and a lock is empty.
+/// Whether a file in the folder of locks is intact: a lease names its holder, and a lock file is empty.
 pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
     if name.contains(".lease-") { LockHolder::read(bytes).is_some_and(|h| h.is_whole()) } else { bytes.is_empty() }
 }

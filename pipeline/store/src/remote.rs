@@ -198,7 +198,8 @@ impl RemoteStore {
         &self.bucket
     }
 
-    /// Name of the object for the file `relative` of the cache, if other processes share the file.
+    /// Name of the object that corresponds to the file `relative` of the cache; `None` if no such object exists in any
+    /// store.
     pub fn key(relative: &Path) -> Option<String> {
         let parts: Vec<&str> = relative.components().filter_map(|c| c.as_os_str().to_str()).collect();
         let shared = match parts.as_slice() {

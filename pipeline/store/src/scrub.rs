@@ -38,7 +38,7 @@ pub struct ScrubReport {
     pub damaged: BTreeMap<PathBuf, String>,
 }
 
-/// Whether the mark of the store at `root` is damaged; opening a store for writing rewrites it.
+/// Whether the mark of the store at `root` is damaged; opening a store for writing rewrites a damaged mark.
 pub fn mark_is_damaged(root: &Path) -> bool {
     paths::read_regular(&root.join("STORE")).is_ok_and(|bytes| bytes != LAYOUT.as_bytes())
 }

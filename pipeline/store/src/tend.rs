@@ -110,7 +110,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 
 /// Drops versions that are not the newest, and packs that no version references.
 ///
-/// A concurrent run may reference any pack, so packs are kept then.
+/// While another run is in progress, no pack is removed, because the run may reference any pack.
 ///
 /// # Errors
 /// Fails if the file system reports an error, or if the newest version's manifest is damaged.
@@ -197,7 +197,7 @@ pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;
     }
-    // `gc` reports the errors of this look-up.
+    // Errors are ignored here, because `gc` reports them.
     collect(store, GcOptions { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
 }
 
@@ -237,7 +237,8 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
 /// Removes a published pipeline, or one of its tables. Computed results stay until `gc`.
 ///
 /// # Errors
-/// Fails if it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
+/// Fails if the pipeline or table does not exist, a run holds the lock of the pipeline, or the file system reports an
+/// error.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let names = pipelines(root);

@@ -2,8 +2,8 @@
 //!
 //! The name of a folder consists of its kernel (host and boot), its process and a number. The folder contains a lock
 //! that the process keeps. All processes of one kernel see the locks on any file system; hosts that share a folder
-//! often do not. A free lock thus shows that a process of this kernel has ended, and gives no information about other
-//! kernels.
+//! often do not see each other's locks. A free lock thus shows that a process of this kernel has ended, and gives no
+//! information about other kernels.
 
 use std::{
     fs::{self, File, TryLockError},

@@ -83,7 +83,7 @@ impl Version {
         Some(Version { folder: folder.to_owned(), number, manifest })
     }
 
-    /// Whether none of its folders and files is a link, which may lead out of the store.
+    /// Whether none of the version's folders and files is a link, because a link may lead out of the store.
     fn has_no_link(&self) -> bool {
         let is_link = |path: &Path| fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
         let tables = self.manifest.tables.iter().map(|t| self.folder.join("tables").join(&t.name));

@@ -1,4 +1,4 @@
-//! Connections: protection of the address, headers, limits of time and number.
+//! Connections: protection of the address, headers, time limits, and maximum numbers.
 
 use std::{
     convert::Infallible,

@@ -20,7 +20,7 @@ pub enum ViewRequest {
     Series(SeriesRequest),
     /// Scores of a table.
     Scores(String),
-    /// Scores of a table in an earlier run and in another run, by default the newest.
+    /// Scores of a table in an earlier run, compared with another run; by default, the other run is the newest.
     Against(String, String, Option<String>),
     /// Progress of a run, or the list of runs.
     Run,

@@ -70,7 +70,7 @@ impl RemoteStore {
     fn pull_changing(&self, folder: &str, ending: &str) -> Result<(), Fault> {
         let listed = self.bucket.list_flat(folder)?;
         let of = |name: &str| name.rsplit('/').next().unwrap_or_default().to_owned();
-        // Immutable files of `runs` are read by name.
+        // The files of `runs` that end in `.json` are immutable, so only missing ones are copied.
         let changing = |key: &str| key.ends_with(ending) && is_plain(&of(key));
         let names: BTreeSet<String> = listed.iter().filter(|o| changing(&o.key)).map(|o| of(&o.key)).collect();
         let fixed = |key: &str| folder == "runs" && key.ends_with(".json") && is_plain(&of(key));
@@ -285,7 +285,7 @@ impl RemoteStore {
         self.bucket.remove(&format!("plans/{pipeline}.json"))
     }
 
-    /// Manifest of a version, and the number of the newest version.
+    /// Manifest of a version; `None` if it is missing or damaged.
     pub(super) fn manifest(&self, pipeline: &str, number: u64) -> Result<Option<Manifest>, Fault> {
         let bytes = self.bucket.get(&format!("{}/version.json", folder_of(pipeline, number)))?;
         Ok(bytes.and_then(|bytes| Manifest::read(&bytes)))

@@ -146,7 +146,7 @@ impl RemoteStore {
                 }
             }
         }
-        // Sealed files are packs and tables of quality.
+        // The sealed files are the packs and the tables in `quality`.
         let packs: Vec<HashKey> = store.catalogue().packs().map(|p| p.id).collect();
         let mut sealed: Vec<(String, Option<HashKey>)> =
             packs.into_iter().map(|id| (RemoteStore::pack_key(id), Some(id))).collect();
