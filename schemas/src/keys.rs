@@ -45,7 +45,7 @@ impl HashKey {
         [bits as u64, (bits >> 64) as u64]
     }
 
-    /// The key of these [`HashKey::words`].
+    /// The key with these two halves, the inverse of [`HashKey::words`].
     pub fn from_words([low, high]: [u64; 2]) -> HashKey {
         HashKey((u128::from(low) | u128::from(high) << 64).to_le_bytes())
     }

@@ -84,8 +84,8 @@ pub fn check_path(path: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that a path below `root` contains no link, which guarantees that its target is in `root`. Parts that do not
-/// exist pass.
+/// Checks that a path below `root` contains no link, which guarantees that its target is in `root`. Parts of the path
+/// that do not exist are accepted.
 ///
 /// # Errors
 /// Fails for a path outside `root`, for a link, or on an error of the file system.

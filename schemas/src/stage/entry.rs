@@ -1,4 +1,4 @@
-//! The row of a stage in the catalogue, and the macro that declares it.
+//! The row of a stage in the catalogue, and the macro that declares a stage.
 
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ pub struct StageEntry {
 /// One of the choices of a key of a stage, as the reference shows it.
 #[derive(Clone, Debug)]
 pub struct ChoiceDoc {
-    /// The key that chooses it.
+    /// The key that selects the choice.
     pub key: &'static str,
     /// Name.
     pub name: &'static str,

@@ -173,7 +173,7 @@ impl InputScaling {
     }
 }
 
-/// Vectorised computation of input rows from column rows.
+/// Vectorised computation of rows of inputs from rows of column values.
 struct InputScalingKernel<'a> {
     mean: &'a [f64],
     scale: &'a [f64],

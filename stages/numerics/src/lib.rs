@@ -19,9 +19,9 @@
 //! | [`navigation`] | strapdown mechanisation, the Pinson error model, the 18-state extended Kalman filter |
 //!
 //! [`earth`], [`signal`] and [`regression`] are independent of each other, as are [`maps`] and [`compensation`].
-//! Outside the folders are periodic angles ([`angle`]), inner products ([`inner_product`]), reproducible random numbers
-//! ([`random`]) and sources of differences in the last bits ([`arithmetic`]). Each folder re-exports its most important
-//! items; all other items are in its modules.
+//! Periodic angles ([`angle`]), inner products ([`inner_product`]), reproducible random numbers ([`random`]) and
+//! sources of differences in the last bits ([`arithmetic`]) are outside the folders. Each folder re-exports its most
+//! important items; all other items are in its modules.
 //!
 //! # Example
 //!
@@ -78,8 +78,8 @@
 //! - **Errors** of an inertial navigation system are truth minus INS. The specific force at rest is (0, 0, −g).
 //! - **Missing values** are NaN. A routine excludes and counts such samples, returns NaN there, or rejects them; its
 //!   documentation states which. Zero is a valid value.
-//! - **Matrices** are slices in row-major order, one row per sample; small matrices of fixed size are of nalgebra's
-//!   types or arrays of arrays. Rows of a grid ascend to the north and columns to the east.
+//! - **Matrices** are slices in row-major order, one row per sample; small matrices of fixed size are nalgebra types or
+//!   arrays of arrays. Rows of a grid ascend to the north and columns to the east.
 //! - **Statistics**: variances divide by n − 1 unless the item states otherwise. A ridge parameter λ is absolute, not
 //!   divided by the number of rows. Differences are per sample, not per second.
 //! - **Failure**: a fallible function returns `Result` with a typed error, nearly always an enum whose variants hold

@@ -32,8 +32,8 @@ pub(super) struct EncoderSizes {
     pub heads: usize,
 }
 
-/// Matrices of parameters, each with its name, its numbers of rows and columns, and whether it holds weights. A vector
-/// has one column.
+/// Matrix of parameters: its name, its numbers of rows and columns, and whether it holds weights. A vector has one
+/// column.
 pub(super) type EncoderPart = (&'static str, usize, usize, bool);
 
 impl EncoderSizes {

@@ -28,7 +28,7 @@ use super::windowed::NetworkArchitecture;
 
 /// Ends of all phases except the last, in tenths of the epochs.
 const ENDS: [usize; 4] = [1, 2, 3, 6];
-/// Minimum number of epochs with at least one epoch in each phase.
+/// Smallest number of epochs that gives each phase at least one epoch.
 pub const CURRICULUM_EPOCHS: usize = 10;
 /// Number of permanent terms.
 const PERMANENT: usize = 3;
@@ -95,7 +95,8 @@ impl NetworkTraining {
         Cow::Owned(out)
     }
 
-    /// Converts a gradient with respect to the parameters of the prediction to one with respect to trained parameters.
+    /// Converts a gradient with respect to the parameters of the prediction to a gradient with respect to the trained
+    /// parameters.
     pub(super) fn pull_back(&self, model: NetworkArchitecture<'_>, gradient: &mut [f64]) {
         if let Some(conditioning) = &self.conditioning {
             conditioning.pull_back(model.head, &mut gradient[model.head_start()..]);

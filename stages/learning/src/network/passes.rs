@@ -321,7 +321,8 @@ impl NetworkShape {
 
     /// Predictions for rows of scaled inputs and of linear terms (empty if there are none), in the scale of the target.
     /// The vector forms require rows of [`VectorFrame::rows`](super::VectorFrame::rows) instead of linear terms. All
-    /// are NaN if parameters or terms do not match the shape. The prediction of a row with a NaN input is NaN.
+    /// predictions are NaN if parameters or terms do not match the shape. The prediction of a row with a NaN input is
+    /// NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
             buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);
@@ -338,8 +339,8 @@ impl NetworkShape {
         })
     }
 
-    /// Outputs N(x) of the network alone for rows of scaled inputs, row-major, without the linear terms. All are NaN if
-    /// the parameters do not match the shape.
+    /// Outputs N(x) of the network alone for rows of scaled inputs, row-major, without the linear terms. All outputs
+    /// are NaN if the parameters do not match the shape.
     pub fn network_outputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         let outputs = self.outputs();
         self.by_blocks(parameters, x, a, outputs, |network, buffers, x, a, out| {

@@ -150,7 +150,7 @@ pub struct NetworkTraining {
     pub dropout: f64,
     /// Penalty on the weights of the first layer.
     pub sparse_group_lasso: Option<SparseGroupLasso>,
-    /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with
+    /// The weight of the mean squared difference between the predictions and the Tolles-Lawson values a·b, with b from
     /// [`TrainingState::tolles_lawson`].
     pub physics: f64,
     /// For a vector form, the scaling in which the coefficients are trained.

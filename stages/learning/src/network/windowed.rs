@@ -307,8 +307,8 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// Appends the windows that end at the given rows: for recurrent networks sample by sample, each with all rows; for
-    /// convolutions row by row.
+    /// Appends the windows that end at the given rows: for recurrent networks, the first samples of all windows, then
+    /// the second samples, and so on; for other networks, window by window.
     pub(super) fn gather(
         &self,
         x: &[f64],
@@ -335,8 +335,8 @@ impl WindowedNetworkShape {
     }
 
     /// Predictions for runs of scaled inputs and linear terms (empty if there are none), run by run, in the scale of
-    /// the target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input
-    /// of its window is NaN.
+    /// the target. All predictions are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN
+    /// if an input of its window is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {

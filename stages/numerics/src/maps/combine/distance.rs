@@ -32,7 +32,7 @@ fn nearer(from: &[f64], to: &mut [f64]) {
 
 /// Square root of the minimum of `heights[j] + (east (i - j))²` over j, for each i.
 fn lower_envelope(heights: &[f64], east_m: f64, out: &mut [f64]) {
-    // Parabolas of the envelope from west to east, and the position from which each is the lowest.
+    // Parabolas of the envelope from west to east, each with the position from which it is the lowest.
     let mut envelope: Vec<(usize, f64)> = Vec::with_capacity(heights.len());
     let lifted = |j: usize| heights[j] + (east_m * j as f64).powi(2);
     for j in (0..heights.len()).filter(|j| heights[*j].is_finite()) {
