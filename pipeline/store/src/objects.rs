@@ -60,7 +60,7 @@ struct PackColumnCache {
     bytes: usize,
 }
 
-/// Verified footer with its notes on units.
+/// Verified footer of a pack, with the notes on its units.
 struct PackFooter {
     sealed: SealedFile,
     notes: HashMap<usize, UnitNote>,

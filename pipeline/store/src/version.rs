@@ -386,7 +386,7 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     let whole = |file: &ManifestFile| {
         let path = version.folder.join(&file.name);
         if store.remote().is_some() {
-            // All packs were listed; other files are read whole when copied.
+            // The catalogue contains all packs; other files are read whole when they are copied.
             return match file.pack.as_deref().and_then(HashKey::parse) {
                 Some(id) => store.catalogue().by_id(id).is_some_and(|pack| pack.size == file.size),
                 None => true,

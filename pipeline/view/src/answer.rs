@@ -15,7 +15,7 @@ pub const JSON: &str = "application/json";
 /// Media type of an Arrow IPC stream.
 const ARROW: &str = "application/vnd.apache.arrow.stream";
 
-/// Text of a block, which several answers share.
+/// Text of a block; several answers can share the text.
 struct SharedText(std::sync::Arc<String>);
 
 impl AsRef<[u8]> for SharedText {

@@ -83,7 +83,7 @@ pub struct ServerState {
     pub queue: ComputeQueue,
     /// Queue of the workers that compute the progress of a run.
     pub progress: ComputeQueue,
-    /// Whether the plan of the spec is made.
+    /// Whether the plan of the spec is complete.
     pub is_planned: AtomicBool,
     /// Permits of downloads.
     pub downloads: Arc<Semaphore>,

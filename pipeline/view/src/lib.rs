@@ -35,14 +35,14 @@ use workers::{ComputeQueue, JobReceiver, work};
 
 /// Threads for connections.
 const CONNECTION_THREADS: usize = 2;
-/// Threads that compute answers.
+/// Number of threads that compute answers.
 const WORKERS: usize = 3;
-/// Simultaneous downloads.
+/// Maximum number of simultaneous downloads.
 const DOWNLOADS: usize = 2;
 /// Simultaneous connections.
 const CONNECTIONS: usize = 64;
 
-/// Threads that compute the progress of a run.
+/// Number of threads that compute the progress of a run.
 const PROGRESS_WORKERS: usize = 2;
 
 /// Settings of a view.
@@ -59,7 +59,7 @@ pub struct ViewSettings {
 pub struct ViewedSpec<'a> {
     /// Name of the pipeline.
     pub pipeline: &'a str,
-    /// The spec, as the user named it.
+    /// Path of the spec, as the user gave it.
     pub file: &'a str,
 }
 

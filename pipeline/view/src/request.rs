@@ -26,7 +26,7 @@ pub enum ViewRequest {
     Run,
     /// Map at a sweep point, with its maximum width and the values to show.
     Map(String, ViewPoint, Option<usize>, MapBand),
-    /// Map at a sweep point, along a line between two positions (latitude and longitude in degrees).
+    /// Values of a map at a sweep point, along a line between two positions (latitude and longitude in degrees).
     Profile(String, ViewPoint, [(f64, f64); 2]),
     /// Spectra of columns of a line.
     Spectrum(SeriesRequest),
