@@ -124,7 +124,7 @@ impl PhysicalQuantity {
     }
 }
 
-/// The magnitude of a vector magnetometer. Its limits allow for the biases and scale errors of raw fluxgates, but
+/// The magnitude of a vector magnetometer. The limits allow for the biases and scale errors of raw fluxgates, but
 /// detect a factor of ten: the earth's field is 22,000 to 67,000 nT.
 pub const VECTOR: PlausibleRange = PlausibleRange {
     kind: PhysicalQuantity::VectorField,

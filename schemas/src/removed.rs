@@ -75,8 +75,8 @@ impl fmt::Display for MagneticCorrection {
 /// The corrections applied to a column.
 pub type CorrectionSet = BTreeSet<MagneticCorrection>;
 
-/// Writes to the metadata of a field: the corrections applied to the column `name`, and the correction applied by
-/// subtracting it.
+/// Writes to the metadata of a field: the corrections applied to the column `name`, and the correction that subtracting
+/// this column applies.
 pub(crate) fn write(
     name: &str,
     removed: &CorrectionSet,

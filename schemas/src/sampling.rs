@@ -16,7 +16,7 @@ const RATE: &str = "rate_hz";
 /// Dependence of one entry on the sample rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateLaw {
-    /// A difference of this order per sample. It is proportional to this power of the time between samples.
+    /// A difference of this order per sample, proportional to the time between samples to the power of the order.
     Difference(i32),
     /// The value of an earlier sample, which has no equivalent at another rate.
     Lag,

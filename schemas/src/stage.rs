@@ -70,7 +70,8 @@ pub trait Stage: Params + Any + Send + Sync {
     }
 
     /// Relative computing time per sample: the product of the parameters to which it is proportional, such as the
-    /// number of particles. Its unit does not depend on the parameters. `explain --cost` scales measured seconds by it.
+    /// number of particles. The unit of this number does not depend on the parameters. `explain --cost` multiplies
+    /// measured seconds by the number.
     fn effort(&self) -> f64 {
         1.0
     }
@@ -125,11 +126,11 @@ pub trait LineStage: Stage {
 
     /// Runs several points of a sweep over one line, for stages that share work between points.
     ///
-    /// The points are in the order of the plan, and belong to one flight and line. Each has the columns that it
-    /// declared, so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a
-    /// result does not depend on the other points, and a fault of one does not affect the others. All results are in
-    /// memory together. A panic aborts the whole call; a caller that needs the other points catches it and runs them
-    /// one at a time.
+    /// The points are in the order of the plan, and belong to one flight and line. Each point has the columns that its
+    /// stage declared, so columns may differ between points. Returns one result per point, in order, bit-identical to
+    /// [`LineStage::run`]: a result does not depend on the other points, and a fault of one does not affect the others.
+    /// All results are in memory at the same time. A panic aborts the whole call; a caller that needs the other points
+    /// catches it and runs them one at a time.
     fn run_points(points: &[LinePoint<Self>]) -> Vec<LineOutput>
     where
         Self: Sized,

@@ -163,7 +163,7 @@ mod tests {
     fn unit_conversion_there_and_back_is_one() {
         for (a, b) in [("rad", "deg"), ("ft", "m"), ("uT", "nT"), ("kn", "m/s"), ("gauss", "nT"), ("rad/s", "deg/s")] {
             let (there, back) = (convert(a, b).unwrap_or(0.0), convert(b, a).unwrap_or(0.0));
-            // One rounding in each division.
+            // Each of the two divisions rounds once.
             assert!((there * back - 1.0).abs() < 1e-15, "{a} {b}");
         }
         assert_eq!(convert("uT", "nT"), Some(1000.0));

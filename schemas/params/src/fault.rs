@@ -34,7 +34,7 @@ impl FaultOwner {
 /// Location of a fault in the data. Every part is optional.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DataLocation {
-    /// The file, as the user named it.
+    /// Path of the file, as the user gave it.
     pub file: Option<String>,
     /// The flight identifier.
     pub flight: Option<String>,

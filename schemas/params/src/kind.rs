@@ -19,8 +19,8 @@ pub trait ChoiceKind: Send + Sync + 'static {
     /// Version, raised when the results change.
     fn version(&self) -> u32;
 
-    /// Hash of the source text of a choice that is loaded at run time. It is part of the keys of results. `None` for a
-    /// compiled choice, whose version changes with its results.
+    /// Hash of the source text of a choice that is loaded at run time. The hash is part of the keys of results. `None`
+    /// for a compiled choice, whose version changes with its results.
     fn source(&self) -> Option<&str> {
         None
     }

@@ -25,9 +25,9 @@ pub struct StageEntry {
     pub inputs: &'static [InputDecl],
     /// Documentation: purpose, use, rejected input and source.
     pub doc: String,
-    /// A fragment of a spec that uses it, with the stage's name as the table's name. In the order of the catalogue, the
-    /// examples make one spec over flights `flights`, a map `anomaly` and a record `observatory`. The reference prints
-    /// them, and the test of the versions runs them.
+    /// A fragment of a spec that uses the stage, with the stage's name as the table's name. In the order of the
+    /// catalogue, the examples make one spec over flights `flights`, a map `anomaly` and a record `observatory`. The
+    /// reference prints them, and the test of the versions runs them.
     pub example: &'static str,
     /// The choices of one of its keys, such as the models of a fit.
     pub kinds: Vec<ChoiceDoc>,
@@ -109,8 +109,8 @@ impl StageEntry {
 /// documentation. The grain selects the trait that the stage implements: [`LineStage`](crate::LineStage),
 /// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of type `Option` documents its
 /// behaviour when unset (`absent`). A stage that yields a kind of table other than the default of its grain declares
-/// it: `grain Survey, yields Map`. If views of results look for the stage, its role follows the kind of table: `role
-/// Scores`. An optional input follows the required ones: `inputs [map: Map, with: ManyMaps optional]`.
+/// it: `grain Survey, yields Map`. If views of results search for the stage, its role is declared after the kind of
+/// table: `role Scores`. An optional input follows the required ones: `inputs [map: Map, with: ManyMaps optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineInput, LineStage, Rule, Stage, Table, StageSchema};

@@ -276,7 +276,7 @@ fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     expr.transform_up(one).map(|t| t.data)
 }
 
-/// Maximum nesting depth of `greatest` and `least`. It is limited because each level doubles the size of the
+/// Maximum nesting depth of `greatest` and `least`. The depth is limited because each level doubles the size of the
 /// expression.
 const MOST_EXTREMES: usize = 8;
 

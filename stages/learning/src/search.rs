@@ -69,7 +69,7 @@ pub enum ProposalMethod {
 pub struct TrialOutcome {
     /// Values, in the order of the dimensions.
     pub values: Vec<TrialValue>,
-    /// The rung that the trial reached, from 0. Trials of a higher rung rank before all others.
+    /// The rung that the trial reached, from 0. Trials of a higher rung rank before trials of a lower rung.
     pub rung: usize,
     /// Cost, to be minimised; `None` for a trial without a cost, which ranks last in its rung.
     pub cost: Option<f64>,

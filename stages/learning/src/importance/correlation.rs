@@ -24,8 +24,8 @@ fn finite(a: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     let n = a.len();
-    // Rounding can make the computed mean of a constant column differ from its value. These differences would appear
-    // correlated.
+    // Rounding can make the computed mean of a constant column differ from its value. The differences of two such
+    // columns would appear correlated.
     let constant = |x: &[f64]| x.windows(2).all(|pair| pair[0] == pair[1]);
     if n < 2 || constant(a) || constant(b) {
         return SampleStatistic { value: f64::NAN, n };

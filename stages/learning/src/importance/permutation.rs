@@ -31,9 +31,9 @@ pub struct PermutationImportance {
 }
 
 /// Increase of the mean square error of the targets `y` when the columns of a group come from other rows [Breiman 2001,
-/// "Random forests", section 10]. Rows, of `width` columns each, are in time order. They are cut into blocks, and the
-/// last block may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its position.
-/// Single samples are not permuted, because a slow series would become noise.
+/// "Random forests", section 10]. Rows, of `width` columns each, are in time order. The rows are cut into blocks, and
+/// the last block may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its
+/// position. Single samples are not permuted, because a slow series would become noise.
 ///
 /// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.
 ///

@@ -330,7 +330,7 @@ impl SparseGroupLasso {
     fn add(&self, model: NetworkArchitecture<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
         let Some(layer) = model.layers().first().copied() else { return 0.0 };
         let (weights, gradient) = (layer.weights(parameters), &mut gradient[layer.range()]);
-        // A convolution has weights for each input of several samples.
+        // In a convolution, an input has one weight for each of several samples.
         let inputs = model.inputs();
         let mut penalty = 0.0;
         for input in 0..inputs {

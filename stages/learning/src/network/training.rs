@@ -116,8 +116,8 @@ pub enum LearningRateSchedule {
     },
 }
 
-/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j. It is
-/// added to the objective. Weights of an irrelevant input become small, not 0. [Gnadt 2022, (4.10)]
+/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j. The
+/// penalty is added to the objective. Weights of an irrelevant input become small, not 0. [Gnadt 2022, (4.10)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGroupLasso {
     /// λ, in the scale of the loss.

@@ -17,10 +17,10 @@
 //! ```
 //!
 //! The second form of the magnitude has no difference of large numbers. Its limit for κ = 0 is the projection. Since
-//! u·M B/s and u·E dB/s are sums of coefficients times Tolles-Lawson terms, the projection is linear Tolles-Lawson. It
-//! exceeds the magnitude by |v⊥|²/2|B| in second order, with v⊥ the part of v across B. The gradient with respect to v
-//! is the direction of the field without the aircraft, w = (u − κ v)/|u − κ v|, or u for the projection. The gradients
-//! with respect to p, M, E and n follow as w, w Bᵀ/s, w dBᵀ/s and w.
+//! u·M B/s and u·E dB/s are sums of coefficients times Tolles-Lawson terms, the projection is linear Tolles-Lawson. The
+//! projection exceeds the magnitude by |v⊥|²/2|B| in second order, with v⊥ the part of v across B. The gradient with
+//! respect to v is the direction of the field without the aircraft, w = (u − κ v)/|u − κ v|, or u for the projection.
+//! The gradients with respect to p, M, E and n follow as w, w Bᵀ/s, w dBᵀ/s and w.
 //!
 //! The vectors B/s and dB/s are computed from the terms: with the terms x_i = B_i/Bt, x_i x_j Bt/s and x_i dB_j/s,
 //! Bt/s is (xx + yy + zz)/(x² + y² + z²), and dB_j/s is Σ x_i (ij_dot)/(x² + y² + z²).

@@ -200,9 +200,9 @@ pub fn trivial_solution<S: AsRef<str>>(
 /// The aircraft's field F changes the magnitude B of the earth's field by F·B̂ + F⊥²/2B + …; the model contains only
 /// the first term. F is `permanent_nt` p (nose, right, down) plus M B. The symmetric matrix M is `induced` (xx, xy, xz,
 /// yy, yz, zz, per unit field). A term xy of the model is the sum of xy and yx. The magnitude of F is at most |p| + ‖M‖
-/// B, where ‖M‖ is the largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B. It corresponds to
-/// the relative error b²/2 of van der Meer 2025 (section 4.1: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy
-/// currents and the antisymmetric part of M, which a scalar magnetometer cannot observe.
+/// B, where ‖M‖ is the largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B. The bound
+/// corresponds to the relative error b²/2 of van der Meer 2025 (section 4.1: 0.4 nT for 200 nT in 50,000 nT). The bound
+/// excludes eddy currents and the antisymmetric part of M, which a scalar magnetometer cannot observe.
 pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_nt: f64) -> f64 {
     let [xx, xy, xz, yy, yz, zz] = induced;
     let (xy, xz, yz) = (0.5 * xy, 0.5 * xz, 0.5 * yz);

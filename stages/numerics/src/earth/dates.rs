@@ -105,7 +105,8 @@ mod tests {
         assert_eq!(decimal_year(2020, 1, 0.0).unwrap(), 2020.0);
         assert_eq!(decimal_year(2020, 184, 0.0).unwrap(), 2020.5);
         let last_second = decimal_year(2023, 365, 86_399.0).unwrap();
-        // One second as a fraction of a year; decimal years of this magnitude resolve 7e-6 s.
+        // The difference is one second as a fraction of a year; decimal years of this magnitude have a resolution of
+        // 7e-6 s.
         assert!((2024.0 - last_second - 1.0 / (365.0 * 86_400.0)).abs() < 1e-12);
         assert_eq!(decimal_year(2023, 365, 86_400.0).unwrap(), 2024.0);
     }

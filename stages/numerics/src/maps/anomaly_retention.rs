@@ -15,11 +15,11 @@
 //!
 //! The residual e may be correlated with a by chance. Both change slowly, so a thousand samples may correspond to only
 //! a dozen independent samples. The standard error includes this effect: if a and e are independent, the variance of Σ
-//! a e is the sum, over all lags, of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It
-//! is computed as the mean square of Σ a e over all circular shifts of one series against the other, with one Fourier
-//! transform of each. Fitting the slope removes one degree of freedom from e. The standard error is corrected for this
-//! with the number of independent samples, which is 1 over the mean squared correlation of the shifts. A retention
-//! within two standard errors of 1 is no evidence of a loss.
+//! a e is the sum, over all lags, of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. This
+//! variance is computed as the mean square of Σ a e over all circular shifts of one series against the other, with one
+//! Fourier transform of each. Fitting the slope removes one degree of freedom from e. The standard error is corrected
+//! for this with the number of independent samples, which is 1 over the mean squared correlation of the shifts. A
+//! retention within two standard errors of 1 is no evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -74,7 +74,7 @@ pub struct AnomalyRetention {
 }
 
 /// Retention on one line. `compensated` and `reference` are the compensated and the true reading, both with the
-/// anomaly; `anomaly` is the anomaly itself. All are in nT and evenly sampled; means are subtracted.
+/// anomaly; `anomaly` is the anomaly itself. All three are in nT and evenly sampled; their means are subtracted.
 ///
 /// Rows with a value that is not finite are excluded.
 ///
@@ -163,7 +163,7 @@ fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
         let (here, there) = (both[k], both[(rows - k) % rows].conj());
         ((here + there) * 0.5).norm_sqr() * ((here - there) * 0.5).norm_sqr()
     };
-    // The mean squared correlation of all shifts [Parseval]; shifts of series with gaps overlap in fewer rows.
+    // The mean squared correlation over all shifts [Parseval]; in series with gaps, fewer rows overlap.
     let mean_square = (0..rows).map(power).sum::<f64>() / (rows as f64).powi(2) * (rows as f64 / n as f64);
     let independent = 1.0 / mean_square;
     if independent <= 2.0 { f64::INFINITY } else { (ee / aa / (independent - 2.0)).sqrt() }
@@ -263,7 +263,8 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts across the gap have the weight of the mean number of rows that overlap.
+        // Every shift is weighted with the mean number of rows that overlap, which is approximate for a series with a
+        // gap.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 

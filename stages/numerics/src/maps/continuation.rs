@@ -79,9 +79,9 @@ pub enum ContinuationError {
         count: usize,
         /// The number of nodes.
         nodes: usize,
-        /// Row of the first such node, from 0.
+        /// Row of the first unknown node, from 0.
         row: usize,
-        /// Column of this node, from 0.
+        /// Column of the first unknown node, from 0.
         column: usize,
     },
     /// A height or a distance is not finite, or has the wrong sign.
