@@ -119,7 +119,7 @@ impl Attempt {
     }
 }
 
-/// Numbers of attempts at a unit that gave no answer, with a reason.
+/// Numbers of attempts that have given no answer for a unit, with a reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UnitAttempts {
     /// Attempts whose worker was lost or is still running.

@@ -38,7 +38,7 @@ const BEAT: Duration = Duration::from_secs(10);
 const MOST: u64 = 1 << 53;
 /// A holder on another host is assumed dead if its last renewal is older than this.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
-/// Polling intervals while waiting: for a lock of this machine, and for a lock in an object store.
+/// Polling intervals while waiting for a lock on this machine, and for a lock in an object store.
 const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];
 
 /// Lock that another process holds.

@@ -1,4 +1,4 @@
-//! Copy of a store that shares its files, for recomputation of its results.
+//! Copy of a store, made of links to its files, for recomputing its results.
 
 use std::{
     collections::HashSet,

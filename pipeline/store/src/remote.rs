@@ -152,7 +152,7 @@ fn mark_cache(root: &Path, address: &ObjectAddress) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Name of the store in the folder `root`; the store's address, if it is in an object store.
+/// Name of the store in the folder `root`: the path of the folder, or the address of an object store.
 pub fn shown(root: &Path) -> String {
     match RemoteStore::from_cache(root) {
         Ok(Some(remote)) => remote.bucket.address().to_string(),

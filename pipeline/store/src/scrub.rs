@@ -21,9 +21,9 @@ const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` 
 /// Functions that check whether the records that other crates write into a store are intact.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordChecks {
-    /// A file of `runs`: the history of a pipeline.
+    /// Check of a file of `runs`, the history of a pipeline.
     pub runs: fn(&[u8]) -> bool,
-    /// A file of `costs`.
+    /// Check of a file of `costs`.
     pub costs: fn(&[u8]) -> bool,
 }
 

@@ -211,7 +211,7 @@ pub struct SealedFile {
     path: PathBuf,
     metadata: ArrowReaderMetadata,
     schema: SchemaRef,
-    /// Checksum of each leaf of each row group.
+    /// Checksum of each leaf column of each row group.
     crcs: Vec<u32>,
     /// First row of each row group, then the total number of rows.
     starts: Vec<usize>,

@@ -75,7 +75,7 @@ pub struct GcOptions {
     pub keep: usize,
     /// Minimum age of removed results.
     pub older_than: Duration,
-    /// Report without removal.
+    /// Whether to report only and remove nothing.
     pub dry: bool,
 }
 
@@ -108,7 +108,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
     Fault::machine(format!("{list} is damaged, so the packs that it lists are unknown")).help(help)
 }
 
-/// Drops versions that are not the newest, and packs that no version references.
+/// Drops the versions that [`GcOptions`] does not keep, and packs that no version references.
 ///
 /// While another run is in progress, no pack is removed, because the run may reference any pack.
 ///

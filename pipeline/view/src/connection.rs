@@ -58,7 +58,7 @@ const DOWNLOADS: Duration = Duration::from_secs(600);
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
-/// Maximum size of the message of a download, in bytes.
+/// Maximum size of the error message of a failed download, in bytes.
 const MESSAGE: u64 = 10_000;
 /// Maximum size of the head of a request, in bytes.
 const HEAD_BYTES: usize = 32 << 10;
@@ -325,7 +325,7 @@ struct ImpatientStream {
 }
 
 impl ImpatientStream {
-    /// The result of a write, or an error when it has waited too long.
+    /// The result of a write, or an error if the client has not read for [`READS`].
     fn waited<T>(&mut self, cx: &mut Context, done: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if done.is_ready() {
             self.late = None;

@@ -33,13 +33,13 @@ use connection::ServerState;
 use page::page;
 use workers::{ComputeQueue, JobReceiver, work};
 
-/// Threads for connections.
+/// Number of threads for connections.
 const CONNECTION_THREADS: usize = 2;
 /// Number of threads that compute answers.
 const WORKERS: usize = 3;
 /// Maximum number of simultaneous downloads.
 const DOWNLOADS: usize = 2;
-/// Simultaneous connections.
+/// Maximum number of simultaneous connections.
 const CONNECTIONS: usize = 64;
 
 /// Number of threads that compute the progress of a run.

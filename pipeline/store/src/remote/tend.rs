@@ -35,8 +35,8 @@ impl RemoteStore {
         Ok(all.iter().filter_map(|o| o.key.split('/').nth(1)).map(str::to_owned).collect())
     }
 
-    /// Drops versions that are not the newest, and packs that no version references. Also drops their copies in the
-    /// cache.
+    /// Drops the versions that [`GcOptions`] does not keep, and packs that no version references. Also drops their
+    /// copies in the cache.
     ///
     /// # Errors
     /// Fails if the server cannot be reached or reports an error, or if the newest version's manifest is damaged.
