@@ -232,7 +232,7 @@ fn without_zeros(array: &ArrayRef) -> ArrayRef {
 /// Checks that time increases strictly along a line.
 ///
 /// # Errors
-/// The first row whose time is missing, or not later than the time of the previous row.
+/// Fails for the first row whose time is missing, or not later than the time of the previous row.
 pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
     let row = |i: usize, what: String| Err(Fault::data(what).in_column("tt").in_row(i as u64));
     for (i, t) in tt.iter().enumerate() {

@@ -153,7 +153,7 @@ pub fn vector_part(name: &str) -> Option<(&str, char)> {
     (vector.starts_with("flux_") && vector.len() > "flux_".len()).then_some((vector, letter))
 }
 
-/// N of `mag_N<suffix>`.
+/// The part N of a name `mag_N<suffix>`.
 fn magnetometer<'a>(name: &'a str, suffix: &str) -> Option<&'a str> {
     let n = name.strip_prefix("mag_")?.strip_suffix(suffix)?;
     (!n.is_empty() && n.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit())).then_some(n)

@@ -31,10 +31,10 @@ pub struct LineInput {
     pub flight: String,
     /// The line identifier.
     pub line: String,
-    /// The columns it reads, per input. Models and maps are empty batches, because they are inputs of
+    /// The columns that the stage reads, per input. Models and maps are empty batches, because they are inputs of
     /// [`LineStage::prepare`].
     pub inputs: Vec<RecordBatch>,
-    /// The rows that its `where` selects; all rows without a `where`.
+    /// The rows that the stage's `where` selects; all rows without a `where`.
     pub keep: Option<Vec<bool>>,
 }
 
@@ -55,7 +55,7 @@ impl From<Vec<ArrayRef>> for StageOutput {
 
 /// The trait that every stage implements.
 pub trait Stage: Params + Any + Send + Sync {
-    /// The columns that it reads and makes, given its input tables.
+    /// The columns that the stage reads and makes, given its input tables.
     ///
     /// # Errors
     /// Fails with all faults of the parameters or the tables, before anything runs.
@@ -100,7 +100,8 @@ pub trait LineStage: Stage {
     type Prepared: Send + Sync + 'static;
 
     /// Builds the data shared by all lines, once. `inputs` holds models and maps; line tables are empty batches. A
-    /// stage whose data are `()` needs no implementation; for any other data, its absence is a compile error.
+    /// stage whose data are `()` needs no implementation; for any other data, a missing implementation is a compile
+    /// error.
     ///
     /// # Errors
     /// Fails for a model or map that cannot be used.
@@ -157,7 +158,7 @@ impl<S: LineStage> Clone for LinePoint<'_, S> {
 
 impl<S: LineStage> Copy for LinePoint<'_, S> {}
 
-/// A stage that works on all lines of a survey that its `where` selects.
+/// A stage that works on all lines that its `where` selects.
 pub trait SurveyStage: Stage {
     /// Type that gathers the lines.
     type Gather: SurveyAggregator;

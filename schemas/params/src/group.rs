@@ -69,7 +69,7 @@ pub trait Params: Sized {
     /// Checks that every value obeys its rule, for a group that was not read from a spec.
     ///
     /// # Errors
-    /// The first violation.
+    /// Fails with the first violation.
     fn check(&self) -> Result<(), Fault>;
 }
 

@@ -62,7 +62,7 @@ impl fmt::Display for Literal {
 /// Condition on a parameter's value in addition to its type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rule {
-    /// Anything of the type.
+    /// Any value of the type.
     Any,
     /// Finite.
     Finite,

@@ -25,12 +25,12 @@ fn escaped(text: &str, is: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// The text with control characters escaped as `\u001b`. Lines and tabs are unchanged.
+/// The text with control characters escaped in the form `\u001b`. Line feeds and tabs are unchanged.
 pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, is_obeyed)
 }
 
-/// The text on one line, with control characters, tabs and line feeds escaped as `\u001b`.
+/// The text on one line, with control characters, tabs and line feeds escaped in the form `\u001b`.
 pub fn one_line(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_obeyed(c) || matches!(c, '\n' | '\t'))
 }

@@ -15,9 +15,9 @@ pub struct StageEntry {
     pub name: &'static str,
     /// Version, raised when the results change.
     pub version: u32,
-    /// The part of a survey that it processes at once.
+    /// The part of a survey that the stage processes at once.
     pub grain: Grain,
-    /// The kind of table that it yields.
+    /// The kind of table that the stage yields.
     pub yields: TableKind,
     /// Purpose by which views of results find the stage; `None` without such a view.
     pub role: Option<StageRole>,
@@ -29,7 +29,7 @@ pub struct StageEntry {
     /// catalogue, the examples make one spec over flights `flights`, a map `anomaly` and a record `observatory`. The
     /// reference prints them, and the test of the versions runs them.
     pub example: &'static str,
-    /// The choices of one of its keys, such as the models of a fit.
+    /// The choices of one of the stage's keys, such as the models of a fit.
     pub kinds: Vec<ChoiceDoc>,
     /// The metrics of a stage that makes a table of scores; empty for others.
     pub metrics: Vec<Metric>,
@@ -50,7 +50,7 @@ pub struct ChoiceDoc {
     pub doc: String,
     /// Additional facts, one per line, such as the default of a setting.
     pub facts: Vec<String>,
-    /// Its own keys.
+    /// Keys of the choice.
     pub params: Vec<ParamDoc>,
     /// Keys that the example of the stage sets for this choice, one per line; may be empty.
     pub example: &'static str,

@@ -7,7 +7,7 @@ use crate::{Column, TableShape};
 pub enum Grain {
     /// One whole flight line, in time order.
     Line,
-    /// Every line that its `where` selects.
+    /// Every line that the stage's `where` selects.
     Survey,
     /// Whole maps, and no flight lines.
     Map,
@@ -141,7 +141,7 @@ pub enum Table {
     Model {
         /// The columns of the model table.
         shape: TableShape,
-        /// The columns a line must have for the model to be applied.
+        /// The columns that a line needs for the model to be applied.
         features: Vec<String>,
     },
     /// Scores of flight lines.
@@ -183,11 +183,11 @@ pub enum PassThroughColumns {
 /// The columns that a stage reads and yields, given its inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageSchema {
-    /// The columns it makes.
+    /// The columns that the stage makes.
     pub columns: Vec<Column>,
     /// The columns that pass through unchanged.
     pub passes: PassThroughColumns,
-    /// The columns it reads, per input (all inputs, in the declared order).
+    /// The columns that the stage reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
     /// Sample rate of the result, in Hz, if the stage makes the sampling even.
     pub rate_hz: Option<f64>,
