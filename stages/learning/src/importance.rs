@@ -4,8 +4,8 @@
 //! |:--|:--|
 //! | [`permutation()`] | increase of the error when the group's blocks of time are permuted |
 //! | [`shapley_sampled`] | contribution to each prediction, by sampled orders of the groups |
-//! | [`shapley_linear`] | the same for a linear model, exact |
-//! | [`shapley_trees()`] | the same for a forest, exact |
+//! | [`shapley_linear`] | exact contribution to each prediction of a linear model |
+//! | [`shapley_trees()`] | exact contribution to each prediction of a forest |
 //! | [`expected_gradients()`] | contribution to each prediction, along straight paths from background rows |
 //! | [`pearson()`], [`spearman`] | correlation of a column with the target, for any model |
 //! | [`morris()`] | elementary effects over the ranges of the columns |

@@ -83,7 +83,7 @@ impl Default for RandomFeatureSettings {
 pub struct RandomFeatures {
     /// The number of columns.
     pub width: usize,
-    /// Row-major, one row per frequency, in radians per unit of each column.
+    /// The frequencies, row-major, one row per frequency, in radians per unit of each column.
     pub frequencies: Vec<f64>,
     /// The factor of the columns among the features; 0 if they are omitted.
     pub linear: f64,

@@ -140,7 +140,7 @@ pub enum RegressionTreeNode {
         /// Index of a child node, larger than the index of this node.
         right: usize,
     },
-    /// The end of the path.
+    /// A leaf, where the path of a row ends.
     Leaf {
         /// Value that the tree adds, in the unit of the target.
         value: f64,

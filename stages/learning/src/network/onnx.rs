@@ -19,7 +19,7 @@ pub struct NetworkScales<'a> {
     /// Offsets that are added to the linear terms, and factors by which the sums are multiplied; one offset and one
     /// factor per term. `None` if the terms are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
-    /// For a vector form: coupling of the aircraft field to the scalar.
+    /// For a vector form: coupling of the aircraft field to the scalar reading, and scales.
     pub frame: Option<VectorFrame>,
     /// The mean of the target, in nT.
     pub target_mean: f64,

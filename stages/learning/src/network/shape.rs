@@ -77,7 +77,7 @@ impl DenseLayer {
         &parameters[self.start..][..self.inputs * self.units]
     }
 
-    /// Position of its weights.
+    /// Position of the layer's weights.
     pub fn range(&self) -> std::ops::Range<usize> {
         self.start..self.start + self.inputs * self.units
     }

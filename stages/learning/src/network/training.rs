@@ -94,7 +94,7 @@ pub enum LearningRateSchedule {
     /// Constant.
     #[default]
     Constant,
-    /// Multiplied by `factor` after every `every` epochs.
+    /// The rate is multiplied by `factor` after every `every` epochs.
     Steps {
         /// Number of epochs between two changes of the rate.
         every: usize,
@@ -107,7 +107,7 @@ pub enum LearningRateSchedule {
         /// The final fraction.
         last: f64,
     },
-    /// Multiplied by `factor` after `patience` epochs without a new minimum of the validation loss.
+    /// The rate is multiplied by `factor` after `patience` epochs without a new minimum of the validation loss.
     Plateau {
         /// Number of epochs.
         patience: usize,

@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-12;
 /// Sum of the residuals and number of rows of each bin.
 type BinHistogram = Vec<[f64; 2]>;
 
-/// The bins of four columns.
+/// Number of bins of four columns.
 const CHUNK: usize = BINS * TOGETHER;
 
 /// Growth of regression trees from binned columns.
@@ -25,7 +25,7 @@ pub(super) struct TreeGrower<'a> {
     how: &'a BoostingSettings,
     /// The rows that the tree uses, grouped by leaf in ascending order.
     rows: Vec<u32>,
-    /// Split of a leaf.
+    /// Scratch memory for the split of a leaf.
     scratch: Vec<u32>,
     /// The residuals of the rows of a leaf.
     ordered: Vec<f64>,
@@ -227,7 +227,8 @@ fn fill(histogram: &mut [[f64; 2]], packed: &[[u8; TOGETHER]], rows: &[u32], ord
     histogram.fill([0.0; 2]);
     let (columns, _) = histogram.as_chunks_mut::<BINS>();
     let [a, b, c, d] = columns else { return };
-    // Four independent sums: consecutive samples of a flight fall into the same bins.
+    // Consecutive samples of a flight fall into the same bins, so each sum waits for its previous addition; the four
+    // sums of a row are independent.
     let add = |bin: &mut [f64; 2], residual: f64| *bin = [bin[0] + residual, bin[1] + 1.0];
     for (&row, &residual) in rows.iter().zip(ordered) {
         let bins = packed[row as usize];

@@ -4,7 +4,7 @@ use super::{RegressionTree, RegressionTreeNode};
 
 /// The first bytes of stored trees; the last byte is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGTREE\x01";
-/// First byte of a node.
+/// First number of a node: its kind.
 const LEAF: u64 = 0;
 const SPLIT: u64 = 1;
 

@@ -17,8 +17,8 @@ const SLOWEST_HALF_S: f64 = 12.0;
 const FASTEST_HALF_S: f64 = 1.0;
 /// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// Maximum ratio of a swing or half period of a manoeuvre to the first swing or half period of the same manoeuvre.
-/// Gusts are less regular.
+/// Maximum ratio between successive swings, and between successive half periods, of a manoeuvre. Gusts are less
+/// regular.
 const REGULAR: f64 = 1.7;
 /// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;
@@ -103,7 +103,8 @@ pub fn figure_of_merit(signal: &[f64], manoeuvres: &[BoxManoeuvre]) -> SampleSta
     SampleStatistic { value, n: counts.iter().sum() }
 }
 
-/// Mean over the periods of a manoeuvre of the largest minus the smallest value; `None` if a value is not finite.
+/// Difference between the largest and the smallest value of a period, averaged over the periods of a manoeuvre; `None`
+/// if a value is not finite.
 fn mean_peak_to_peak(signal: &[f64], extremes: &[usize]) -> Option<f64> {
     let periods = extremes.windows(3).step_by(2).map(|w| {
         let part = signal.get(w[0]..=w[2])?;

@@ -156,7 +156,7 @@ mod tests {
         let p = [10.0, -20.0, 30.0];
         let m = [[0.01, 0.002, -0.003], [0.004, -0.02, 0.001], [0.0, 0.006, 0.03]];
         let e = [[1e-3, 2e-3, 0.0], [0.0, -1e-3, 4e-4], [3e-4, 0.0, 2e-3]];
-        // The term core_ij multiplies C_i u_j, so its coefficient is the matrix' element (j, i).
+        // The term core_ij multiplies C_i u_j, so its coefficient is the matrix element (j, i).
         let coefficients: Vec<f64> = p
             .iter()
             .copied()

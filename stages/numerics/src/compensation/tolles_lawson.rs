@@ -34,7 +34,7 @@ pub enum AMatrixError {
         /// The group named later.
         other: &'static str,
     },
-    /// No group.
+    /// The list of groups is empty.
     #[error("the list of groups of terms is empty; the available groups are {}", terms::names_of_groups())]
     Empty,
     /// Columns of different lengths.

@@ -58,7 +58,7 @@ impl Default for CombineOptions {
 /// Statistics of the difference of two maps where both are known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapDifference {
-    /// The number of nodes of the combined grid.
+    /// The number of nodes of the combined grid where both maps are known.
     pub count: usize,
     /// Median of the first map minus the second.
     pub median: f64,
@@ -71,7 +71,7 @@ pub struct MapDifference {
 pub struct MapOverlap {
     /// Index of the first map, from 0 in the given order.
     pub first: usize,
-    /// The second.
+    /// Index of the second map.
     pub second: usize,
     /// Difference of the maps before bias correction.
     pub before: MapDifference,

@@ -42,7 +42,7 @@ impl OverlapBias {
     }
 }
 
-/// The terms 1 and the distances in metres east and north from the middle of the grid.
+/// The terms of the bias: 1, and the distances in metres east and north from the middle of the grid.
 fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
     let (row, column) = (node / target.columns(), node % target.columns());
     let from_middle = |at: usize, len: usize| at as f64 - 0.5 * (len - 1) as f64;
@@ -164,7 +164,7 @@ impl<const TERMS: usize> OverlapSums<TERMS> {
         terms: impl Fn(u32) -> [f64; TERMS] + Sync,
         weight: impl Fn(u32, f64) -> f64 + Sync,
     ) -> Self {
-        // Blocks of fixed size, summed in order: bit-identical for any number of threads.
+        // Blocks of fixed size are summed in order, so that results are bit-identical for any number of threads.
         const BLOCK: usize = 4096;
         let block = |(nodes, differences): (&[u32], &[f64])| {
             let mut sums = Self::ZERO;
@@ -236,7 +236,7 @@ impl<const TERMS: usize> BiasEquations<TERMS> {
     }
 }
 
-/// First map of the connected group of each map.
+/// For each map, the first map of its connected group.
 fn groups(maps: usize, pairs: &[OverlapPair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
     // A chain of overlaps has fewer links than there are maps, so one round per map is enough to reach its end.
