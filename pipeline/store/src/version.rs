@@ -61,7 +61,7 @@ pub struct Version {
 }
 
 impl Version {
-    /// Copies the files of a table of this version into its folder if they are missing.
+    /// Copies the missing files of a table of this version into the version's folder.
     ///
     /// # Errors
     /// Fails if an object store cannot be reached or reports an error, or holds different bytes.
@@ -361,7 +361,7 @@ pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// Entry of a file.
+/// Manifest entry of a file.
 fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFile, Fault> {
     let fail = |e: io::Error| io_fault("read", file, &e);
     let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
@@ -416,7 +416,7 @@ fn keep(before: &Version, names: &[String], manifest: &mut Manifest, from: &mut 
     }
 }
 
-/// Keeps the foreign files in the folder of the previous version.
+/// Links the foreign files of the previous version into `folder`, the folder of the new version.
 fn carry(before: &Version, folder: &Path, manifest: &Manifest) -> io::Result<()> {
     let ours: HashSet<PathBuf> = before
         .manifest
