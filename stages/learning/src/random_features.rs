@@ -4,9 +4,9 @@
 //! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, consider the features
 //! cos(w·x)/√k and sin(w·x)/√k of k frequencies. The expected inner product of the features of two rows is the kernel
 //! exp(−|x − x'|²/(2 length²)) [Rahimi and Recht 2007; the pair instead of one cosine with a random phase: Sutherland
-//! and Schneider 2015]. Frequencies are drawn in blocks of one per column. The frequencies of a block are orthogonal,
-//! which reduces the error of the kernel [Yu et al. 2016]. If `linear` is above 0, the columns are features too: this
-//! adds `linear`² x·x' to the kernel, a linear model plus the Gaussian process.
+//! and Schneider 2015]. Frequencies are drawn in blocks, each with as many frequencies as there are columns. The
+//! frequencies of a block are orthogonal, which reduces the error of the kernel [Yu et al. 2016]. If `linear` is above
+//! 0, the columns are features too: this adds `linear`² x·x' to the kernel, a linear model plus the Gaussian process.
 //!
 //! The model is y = c + φ(x)·w + e, with independent weights of variance s², errors of variance σ², and a flat prior on
 //! the constant c. With centred Φ and y, Φᵀ Φ = V D Vᵀ and λ = σ²/s²,

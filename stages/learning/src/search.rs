@@ -128,7 +128,8 @@ fn random(dimensions: &[SearchDimension], seed: u64, trial: usize) -> Vec<TrialV
     dimensions.iter().map(|d| d.at(uniform(&mut bits))).collect()
 }
 
-/// A point of the Sobol sequence. Random beyond 2^32 trials or [`MOST_DIMENSIONS`] dimensions, where the sequence ends.
+/// A point of the Sobol sequence. Beyond 2^32 trials or [`MOST_DIMENSIONS`] dimensions, where the sequence ends, the
+/// point is random.
 fn evenly(dimensions: &[SearchDimension], seed: Option<u64>, trial: usize) -> Vec<TrialValue> {
     let point = u32::try_from(trial).ok().and_then(|i| sobol::point(i, dimensions.len(), seed));
     match point {

@@ -46,9 +46,10 @@ impl NetworkForm {
 
 /// A network of dense layers with additional linear terms.
 ///
-/// Its parameters are one vector. Layer by layer it holds the weights, row-major (unit, input), then the biases of the
-/// units; the output layer is the last. The coefficients b of the linear terms follow, if the form has them, and the
-/// constant of [`NetworkForm::VectorNetwork`]. The constant of [`NetworkForm::VectorOnly`] is the bias of its output.
+/// Its parameters are one vector. Layer by layer, the vector holds the weights, row-major (unit, input), then the
+/// biases of the units; the output layer is the last. The coefficients b of the linear terms follow, if the form has
+/// them, and the constant of [`NetworkForm::VectorNetwork`]. The constant of [`NetworkForm::VectorOnly`] is the bias of
+/// its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NetworkShape {
     /// The number of inputs.

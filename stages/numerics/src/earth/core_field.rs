@@ -2,8 +2,8 @@
 //!
 //! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's recursion;
 //! Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5). The sum has no singularity at the poles. A derivative of
-//! such a sum is also a sum of this form, of a degree higher by one. The coefficients of the three field components and
-//! of the gradient tensor are therefore computed once per date. An evaluation consists of one recursion and a few dot
+//! such a sum is also a sum of this form, one degree higher. The coefficients of the three field components and of the
+//! gradient tensor are therefore computed once per date. An evaluation consists of one recursion and a few dot
 //! products, without allocation.
 //!
 //! Coefficients are linear in time between epochs; see [`CoreFieldModel`].

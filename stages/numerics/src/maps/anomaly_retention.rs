@@ -18,8 +18,8 @@
 //! a e is the sum, over all lags, of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. This
 //! variance is computed as the mean square of Σ a e over all circular shifts of one series against the other, with one
 //! Fourier transform of each. Fitting the slope removes one degree of freedom from e. The standard error is corrected
-//! for this with the number of independent samples, which is 1 over the mean squared correlation of the shifts. A
-//! retention within two standard errors of 1 is no evidence of a loss.
+//! for this with the number of independent samples, which is the reciprocal of the mean squared correlation over the
+//! shifts. A retention within two standard errors of 1 is no evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
