@@ -238,8 +238,8 @@ impl WindowedNetworkShape {
 
     /// Initial parameters from a seed. The parameters of `gru` and `lstm` are uniform between ±1/√units, as in PyTorch.
     /// The parameters of `tcn` are drawn as for dense layers, as are the matrices of `transformer`. The positions of
-    /// `transformer` are uniform between ±0.02, as in MagNav.jl, and its normalisations start with factor 1 and offset
-    /// 0. The parameters of the dense network are drawn as in [`NetworkShape::initial`].
+    /// `transformer` are uniform between ±0.02, as in MagNav.jl, and its normalisations start with offset 0 and
+    /// factor 1. The parameters of the dense network are drawn as in [`NetworkShape::initial`].
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Memory as u64]));
         let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
