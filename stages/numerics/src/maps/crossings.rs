@@ -1,4 +1,4 @@
-//! Differences of the field of a line where its track crosses itself.
+//! Differences of the field where the track of a line crosses itself.
 
 use crate::regression::statistics::SampleStatistic;
 
@@ -28,7 +28,7 @@ pub struct LineCrossingFigure {
 ///
 /// Samples are sorted into cells of 1 m, and only neighbours are compared: the computation time grows linearly with the
 /// number of samples, not quadratically. A hovering aircraft puts thousands of samples into one cell. If more than 50
-/// million pairs would be compared, only every k-th sample is used, with the smallest power of two k that meets the
+/// million pairs would be compared, only every k-th sample is used, where k is the smallest power of two that meets the
 /// limit. `stride` returns k.
 pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> LineCrossingFigure {
     let mut stride = 1;
@@ -65,7 +65,7 @@ struct CrossingCells {
     samples: Vec<CrossingSample>,
     /// Cell, index of its first sample, and index after its last sample.
     index: Vec<((i64, i64), usize, usize)>,
-    /// For each entry of the index, the first entry that does not precede its north-west neighbour.
+    /// For each entry of the index, the first entry that does not precede the cell to the north-west.
     north_west: Vec<usize>,
 }
 
@@ -92,7 +92,7 @@ impl CrossingCells {
                 _ => index.push((sample.cell, at, at + 1)),
             }
         }
-        // Neighbours of sorted cells are sorted too, so that one pass over the cells finds all of them.
+        // The neighbours of sorted cells are sorted too, so one pass over the cells finds all neighbours.
         let (mut north_west, mut at) = (Vec::with_capacity(index.len()), 0);
         for ((north, east), ..) in &index {
             let wanted = (north.saturating_add(1), east.saturating_sub(1));

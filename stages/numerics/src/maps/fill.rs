@@ -18,7 +18,7 @@ use thiserror::Error;
 
 use crate::maps::plane_grid::PlaneGrid;
 
-/// Error of filling or cutting a map.
+/// Error when a map is filled or cropped.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FillError {
     /// No node is known.

@@ -1,16 +1,16 @@
 //! Position of a latitude and longitude on the grid of a projected map, with exact derivatives.
 //!
 //! A filter needs the position and its four derivatives at every sample. The projection is therefore sampled once.
-//! Between the samples, the projection is a polynomial of sixth degree in latitude and in longitude. Over half a degree
-//! it differs from a transverse Mercator, Lambert or stereographic projection by less than the rounding error of the
-//! eastings. Patches are halved until this accuracy is reached, and the remaining difference from the projection is
-//! measured.
+//! Between the samples, it is approximated by a polynomial of sixth degree in latitude and in longitude. Over half a
+//! degree this polynomial differs from a transverse Mercator, Lambert or stereographic projection by less than the
+//! rounding error of the eastings. Patches are halved until this accuracy is reached, and the remaining difference from
+//! the projection is measured.
 
 use thiserror::Error;
 
 use crate::maps::plane_grid::EvenAxis;
 
-/// Samples per patch in each direction; the degree of its polynomials is one less.
+/// Samples per patch in each direction; the degree of the polynomials is one less.
 const SAMPLES: usize = 7;
 
 /// Initial width of a patch, in degrees.
@@ -71,7 +71,7 @@ pub struct GridPosition {
     pub column_per_deg: [f64; 2],
 }
 
-/// Polynomials of row and column in the powers of latitude and longitude within a patch.
+/// Coefficients of row and column as polynomials in latitude and longitude within a patch.
 type PatchPolynomial = [[[f64; 2]; SAMPLES]; SAMPLES];
 
 /// A projection on a grid, over an area.
@@ -91,8 +91,8 @@ impl GridProjection {
     /// and a longitude in degrees.
     ///
     /// # Errors
-    /// Fails for an invalid area, for a position in the area without easting and northing, or for a projection that is
-    /// not smooth.
+    /// Fails for an invalid area, for a position in the area where the projection is undefined, or for a projection
+    /// that is not smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,
         area: GeographicArea,
@@ -137,7 +137,7 @@ impl GridProjection {
         let per_deg = [counts[0] as f64 / extents[0], counts[1] as f64 / extents[1]];
         let basis = ChebyshevBasis::new();
         let ends = [area.lat_deg, area.lon_deg];
-        // Rounding must not exceed a pole.
+        // Rounding must not shift a latitude beyond a pole.
         let at = |d: usize, i: usize, t: f64| (ends[d][0] + (i as f64 + 0.5 * (1.0 + t)) / per_deg[d]).min(ends[d][1]);
         let mut patches = Vec::with_capacity(counts[0] * counts[1]);
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
@@ -150,7 +150,7 @@ impl GridProjection {
             patches.push(basis.polynomial(&samples));
         }
         let mut projection = Self { area, counts, per_deg, patches, departure_steps: 0.0 };
-        // Ends and midpoints between the samples, where a polynomial has its largest error.
+        // Ends of a patch and midpoints between samples, where a polynomial has its largest error.
         const CHECKS: [f64; 5] = [-1.0, -0.6, 0.1, 0.7, 1.0];
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
             for (t, u) in CHECKS.into_iter().flat_map(|t| CHECKS.map(|u| (t, u))) {

@@ -40,7 +40,7 @@ pub use survey::{CleaningOptions, CleaningOutcome, OwnedSurveyPoints, SurveyPoin
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Callback for the name of the current step, the units done and their total.
+/// Progress callback, which receives the name of the current step, the number of units done, and their total.
 pub type GriddingProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
 /// Error of gridding points.
@@ -280,7 +280,7 @@ pub fn check(options: &GriddingOptions) -> Result<(), GriddingError> {
     }
 }
 
-/// Makes nodes unknown that are farther than `limit_m` from every point, and returns their number.
+/// Sets the nodes that are farther than `limit_m` from every point to unknown, and returns their number.
 pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m: f64) -> usize {
     let near = PointCellIndex::new(easting_m, northing_m);
     let (east, north) = (grid.east_m, grid.north_m);
@@ -306,7 +306,7 @@ fn check_columns(columns: &[&[f64]]) -> Result<(), GriddingError> {
     first.map_or(Ok(()), |index| Err(GriddingError::NotFinite { index }))
 }
 
-/// The axes of a region at a spacing, rejected when there would be too many nodes.
+/// The axes of a region at a spacing; fails if there would be too many nodes.
 fn axes(region: GridRegion, spacing_m: f64) -> Result<[EvenAxis; 2], GriddingError> {
     let sides = [region.east_m, region.north_m];
     let counts = sides.map(|[a, b]| ((b - a) / spacing_m + 1e-9).floor() + 1.0);

@@ -8,7 +8,7 @@ pub fn sample_bound_m(north: f64, east: f64, sigma_nt: f64) -> f64 {
     if slope > 0.0 { sigma_nt / slope } else { f64::NAN }
 }
 
-/// Settings of [`window_bounds_m`] for the measurements of a window of time.
+/// Settings of [`window_bounds_m`] for the measurements within a time window.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowInformation {
     /// The length of the window, in seconds.

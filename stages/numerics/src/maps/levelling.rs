@@ -83,7 +83,7 @@ pub struct CrossoverMerit {
 }
 
 impl CrossoverMerit {
-    /// Statistics of some differences; NaN if there are no crossovers.
+    /// Statistics of differences; NaN if there are no crossovers.
     pub fn from_differences(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
@@ -108,7 +108,7 @@ pub struct LineCorrection {
     pub alone: bool,
 }
 
-/// Corrections of lines, and crossover statistics before and after them.
+/// Corrections of lines, and crossover statistics before and after the corrections.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevellingResult {
     /// The correction to subtract from each point's value, in nT.

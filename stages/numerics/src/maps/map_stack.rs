@@ -87,7 +87,7 @@ pub enum StackError {
         /// The level, from 0.
         level: usize,
     },
-    /// No node is known at all levels.
+    /// No node is known at every level.
     #[error("the stack has no node whose value is known at all levels")]
     Empty,
     /// A vertical derivative does not match its map's nodes.
@@ -119,7 +119,7 @@ impl MapStack {
     /// # Errors
     /// Fails for fewer than two levels, for heights that are not finite or do not ascend, or for maps whose nodes
     /// differ from the nodes of the first map. Also fails if the numbers of maps and heights differ, or if no node is
-    /// known at all levels.
+    /// known at every level.
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
@@ -284,7 +284,8 @@ fn with_secant(end: SurfaceGradient<2>, inner: SurfaceGradient<2>, way_m: f64) -
     }
 }
 
-/// Weights of value and slope of the lower and the upper level, for the value and its slope.
+/// Weights of the value and slope at the lower level and at the upper level, for the interpolated value and for its
+/// slope.
 struct HeightWeights {
     value: [f64; 4],
     slope: [f64; 4],

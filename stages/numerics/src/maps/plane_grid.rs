@@ -12,7 +12,7 @@ pub struct EvenAxis {
 }
 
 impl EvenAxis {
-    /// The coordinate of a node, which may be a fraction.
+    /// The coordinate of a node, whose number may be a fraction.
     pub fn at(&self, node: f64) -> f64 {
         self.first + self.step * node
     }

@@ -69,15 +69,16 @@ pub struct SpectrumRing {
 /// Radially averaged power spectral density of a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapPowerSpectrum {
-    /// The rings with a wave, by wavenumber. The wave of wavenumber 0, the mean, is not included.
+    /// The rings that contain a wave, in ascending order of wavenumber. The wave of wavenumber 0, the mean, is not
+    /// included.
     pub rings: Vec<SpectrumRing>,
     /// Area of one wave in the plane of wavenumbers, 1/m².
     pub area_per_m2: f64,
 }
 
 impl MapPowerSpectrum {
-    /// Spectrum of a map without unknown nodes. The rings have the wider spacing of the wavenumbers of both axes. Waves
-    /// in the corners beyond the two-node wave are included.
+    /// Spectrum of a map without unknown nodes. The width of a ring is the larger of the wavenumber spacings of the two
+    /// axes. Waves in the corners beyond the two-node wave are included.
     ///
     /// # Errors
     /// Fails for unknown nodes, and for a map of fewer than four nodes along an axis. Returns the errors of

@@ -24,14 +24,14 @@ pub enum MapDerivative {
 }
 
 impl MapSpectrum {
-    /// Derivative at a height in metres above the map, which may be negative; α in m² damps negative heights.
+    /// Derivative at `up_m` metres above the map. The height may be negative; α in m² then damps the continuation.
     ///
-    /// The factors are i k_east, i k_north, −k and k², times the factor of the height. The slope of a removed trend
-    /// plane is included.
+    /// The factors are i k_east, i k_north, −k and k², times the continuation factor for the height. The slope of a
+    /// removed trend plane is included.
     ///
     /// # Errors
-    /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite
-    /// number.
+    /// Fails with [`ContinuationError::Height`] for a height that is not finite, or with [`ContinuationError::Alpha`]
+    /// for an α that is not a finite number of at least 0.
     pub fn derivative(&self, which: MapDerivative, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;

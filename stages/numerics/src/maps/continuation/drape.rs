@@ -77,10 +77,10 @@ pub fn level_to_drape(
 /// Map on a level, computed from the map on a drape.
 ///
 /// The chessboard method treats the draped map as level and continues it to evenly spaced heights. At each node, it
-/// then interpolates between these heights at the difference between the level and the height of the node [Cordell
-/// 1985; MagNav.jl's `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a
-/// level below all heights is therefore continued back up to the drape, where the field is known. The difference at the
-/// nodes is added by the same method. A node whose height is more than `down_max_m` above the level is NaN.
+/// then interpolates between these heights to the difference between the level and the node's height [Cordell 1985;
+/// MagNav.jl's `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level
+/// below all heights is therefore continued back up to the drape, where the field is known. The difference at the nodes
+/// is added by the same method. A node whose height is more than `down_max_m` above the level is NaN.
 ///
 /// # Errors
 /// Returns the errors of [`level_to_drape`].
@@ -132,7 +132,7 @@ impl DrapeOptions {
         self.step_m.unwrap_or(0.5 * grid.east_m.step.min(grid.north_m.step))
     }
 
-    /// The map continued at each node by the height of that node in metres, at most `down_max_m` downward.
+    /// The map continued at each node by the node's entry in `above_m`, in metres, but at most `down_max_m` downward.
     fn at_heights(&self, grid: &PlaneGrid, above_m: &[f64]) -> Result<PlaneGrid, ContinuationError> {
         let (lowest, highest) = bounds(above_m);
         let levels =
@@ -181,7 +181,7 @@ fn bounds(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
 }
 
-/// Heights above a map in whole steps that enclose all requested heights.
+/// Evenly spaced heights relative to a map, at multiples of the step, that enclose all requested heights.
 #[derive(Clone, Copy, Debug)]
 struct ContinuationLevels {
     first_m: f64,
@@ -213,7 +213,7 @@ impl ContinuationLevels {
         self.first_m + self.step_m * level as f64
     }
 
-    /// Weight of a level at a height; past the ends only the end level has weight.
+    /// Weight of a level in the interpolation to a height; a height beyond the levels uses the nearest level alone.
     fn weight(&self, level: usize, above_m: f64) -> f64 {
         let at = ((above_m - self.first_m) / self.step_m).clamp(0.0, (self.count - 1) as f64);
         let (before, points) = match self.interpolation {

@@ -5,7 +5,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use super::extension::{EdgeExtension, MOST_PADDING, Padding, PaddingWidth, TrendRemoval};
 use super::{ContinuationError, continued, rms};
 
-/// Minimum number of nodes on a side; with fewer, no nodes remain between the crops.
+/// Minimum number of nodes on a side: at least four nodes, but at most a quarter of the side, are cropped at each end.
 const LEAST: usize = 16;
 
 /// Error along one edge, caused by the unknown field beyond this edge.
@@ -19,7 +19,7 @@ pub struct SideError {
 /// Edge error of a continuation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeError {
-    /// The western, eastern, southern and northern edge, without the contribution of the mean level.
+    /// Errors along the western, eastern, southern and northern edges, without the effect of the distant field's level.
     pub sides: [SideError; 4],
     /// Number of `[rows, columns]` cropped on each side.
     pub cropped: [usize; 2],
@@ -35,13 +35,13 @@ pub struct EdgeError {
 /// past the edges of the crop. The difference between the two results is therefore the error of the extension at each
 /// distance from the edge of the crop. Each edge of the crop represents the adjacent edge of the map, scaled by the
 /// variation of the continued field along both edges. The crop removes five continuation distances, but at most a
-/// quarter of a side. Second, the effect of the level of the distant field is estimated, which the crop does not show.
-/// A second continuation uses the opposite assumption: the field falls to zero instead of the mean along the edge, or
-/// the reverse.
+/// quarter of a side. Second, because the crop does not show the effect of the distant field's level, this effect is
+/// estimated separately. A second continuation uses the opposite assumption: the field falls to zero instead of the
+/// mean along the edge, or the reverse.
 ///
 /// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with the rms error within a
-/// factor of three. With all sources well inside, where the error is some thousandths of the field, it is up to ten
-/// times too large. It does not include errors of the map's own values.
+/// factor of three. With all sources well inside, where the error is some thousandths of the field, the estimate is up
+/// to ten times too large. It does not include errors of the map's own values.
 ///
 /// # Errors
 /// Returns the errors of [`super::continued`]. Also fails with [`ContinuationError::TooSmallToMeasure`].
@@ -73,7 +73,7 @@ pub fn edge_error(
     Ok(EdgeError { sides, cropped, map, rms_nt })
 }
 
-/// The same padding, but at least a third of each side wide and with the other assumption about the level of the
+/// The same padding, but at least a third of each side wide and with the opposite assumption about the level of the
 /// distant field.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
     let trend = if padding.trend == TrendRemoval::None { TrendRemoval::EdgeMean } else { TrendRemoval::None };
@@ -118,7 +118,7 @@ fn crop(grid: &PlaneGrid, [rows, columns]: [usize; 2]) -> PlaneGrid {
     PlaneGrid { east_m, north_m, values }
 }
 
-/// Side of the map nearest to a node (in metres), and the distance to this side in nodes.
+/// Side of the map that is nearest to a node in metres, and the number of nodes to this side.
 fn nearest(grid: &PlaneGrid, row: usize, column: usize) -> (usize, usize) {
     let nodes = [column, grid.columns() - 1 - column, row, grid.rows() - 1 - row];
     let metres = |side: usize| nodes[side] as f64 * if side < 2 { grid.east_m.step } else { grid.north_m.step };

@@ -42,9 +42,9 @@ pub enum TrendRemoval {
 /// Width of the padding on each side. The lengths of the padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaddingWidth {
-    /// Width of at least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
+    /// At least ten times the continuation distance and at least a tenth of the side, up to [`MOST_PADDING`] nodes.
     OfDistance,
-    /// Minimum number of nodes for `[rows, columns]`.
+    /// Minimum number of padding nodes on each side of the `[rows, columns]`.
     Nodes([usize; 2]),
     /// No padding: the map is treated as periodic.
     None,
@@ -185,15 +185,15 @@ fn divided_out(mut m: usize, p: usize) -> usize {
     m
 }
 
-/// Node of the padding as a weighted sum of two nodes of the map.
+/// Padding node, expressed as a weighted sum of two nodes of the map.
 #[derive(Clone, Copy, Debug)]
 struct PaddingNode {
     nodes: [usize; 2],
     weights: [f64; 2],
 }
 
-/// The padding of one axis as a linear function of the nodes. The function applies to values and, along the other axis,
-/// to spectra.
+/// The padding of one axis as a linear function of the map's nodes. The function applies to values and, along the other
+/// axis, to spectra.
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,
@@ -217,7 +217,7 @@ impl AxisExtension {
         }
     }
 
-    /// Fills the padding of a padded line whose map nodes are in place.
+    /// Fills the padding of a line whose map nodes are already set.
     pub(super) fn fill<T>(&self, line: &mut [T])
     where
         T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>,
@@ -232,15 +232,15 @@ impl AxisExtension {
     }
 }
 
-/// A straight line over the whole gap from the last node around to the first.
+/// Padding node on the straight line across the whole gap, from the last node around to the first.
 fn wrapped(distance: usize, gap: usize, last: usize, upper: bool) -> PaddingNode {
     let far = distance as f64 / (gap + 1) as f64;
     let nodes = if upper { [last, 0] } else { [0, last] };
     PaddingNode { nodes, weights: [1.0 - far, far] }
 }
 
-/// Node weights: `s` times the edge value plus `s t` times (edge − image). Both s and t are half periods of a cosine of
-/// the distance.
+/// Padding node whose value is `s` times the edge value plus `s t` times (edge − image). Both s and t are half periods
+/// of a cosine of the distance.
 fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: bool) -> PaddingNode {
     let half_cosine = |over: usize| {
         let part = (distance as f64 / over.max(1) as f64).min(1.0);

@@ -7,9 +7,9 @@ use super::spectrum::MapSpectrum;
 use super::transform::MapTransform;
 use crate::regression::l_curve::log_curvature;
 
-/// Number of rings of wavenumbers; the rings are narrow enough for a constant factor within each ring.
+/// Number of rings of wavenumbers, narrow enough that the continuation factor is nearly constant within a ring.
 const RINGS: usize = 4096;
-/// Number of blocks in which the rows are summed, independent of the number of threads.
+/// Number of blocks of rows that are summed separately; it does not depend on the number of threads.
 const PARTS: usize = 16;
 /// Points of the curve.
 const POINTS: usize = 241;
@@ -19,7 +19,7 @@ const POINTS: usize = 241;
 pub struct LCurvePoint {
     /// α, in m².
     pub alpha_m2: f64,
-    /// The rms in nT of the downward-continued map, continued upward again, minus the map.
+    /// The rms of the misfit in nT: the downward-continued map, continued upward again, minus the original map.
     pub misfit_nt: f64,
     /// The rms of the gradient of the downward-continued map, in nT/m.
     pub roughness_nt_per_m: f64,
@@ -82,7 +82,7 @@ fn highest_wavenumber(transform: &MapTransform) -> f64 {
 }
 
 /// Values of α, from one that changes the waves of the highest wavenumber by a tenth to one that halves the waves of
-/// the lowest.
+/// the lowest wavenumber.
 fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();
@@ -106,7 +106,7 @@ fn curvature(points: &[LCurvePoint]) -> f64 {
     log_curvature(of(|p| p.misfit_nt), of(|p| p.roughness_nt_per_m))
 }
 
-/// Power by wavenumber; each wave of the omitted half of the spectrum is counted with its conjugate.
+/// Power by wavenumber; a wave whose conjugate the half spectrum omits counts twice.
 fn rings(transform: &MapTransform, spectrum: &[f64], widest: f64) -> Vec<WavenumberRing> {
     let rows = transform.layout.rows.padded;
     let rows_a_part = rows.div_ceil(PARTS);

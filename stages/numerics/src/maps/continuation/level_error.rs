@@ -66,8 +66,8 @@ impl RadialPower {
     }
 }
 
-/// Mean square, in nT², that all waves together would have if the power of each wave were the power at a given
-/// wavenumber. This power is extrapolated with the slope of the resolved waves; 0 without a slope.
+/// Mean square, in nT², that all waves together would have if each had the power of the field at a given wavenumber.
+/// This power is extrapolated with the slope of the resolved waves; 0 without a slope.
 fn decay(resolved: &[&WavenumberBin], last_k: f64) -> impl Fn(f64) -> f64 + use<> {
     let fitted: Vec<(f64, f64)> = resolved
         .iter()

@@ -7,16 +7,16 @@ use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
 
 /// Number of logarithmically spaced bins between the longest and the shortest wave of a padded map.
 const BINS: usize = 96;
-/// Side, in nodes, of the central part that represents a larger map.
+/// Largest side of a map, in nodes; a larger map is represented by its central part of this size.
 const MOST_NODES: usize = 2048;
 
 /// Mean square of a map minus its mean and trend, as a function of the wavenumber.
 #[derive(Clone, Debug)]
 pub struct RadialPower {
-    /// The bins that contain a wave, by wavenumber.
+    /// The bins that contain a wave, in ascending order of wavenumber.
     pub(super) bins: Vec<WavenumberBin>,
-    /// Wavenumber of a two-node wave along the wider spacing, in rad/m; above it the map does not contain waves in all
-    /// directions.
+    /// Wavenumber of a wave of two nodes along the axis of wider spacing, in rad/m; above this wavenumber, the map does
+    /// not contain waves in all directions.
     pub(super) round_k: f64,
 }
 
@@ -27,13 +27,13 @@ pub(super) struct WavenumberBin {
     pub(super) k: f64,
     /// Mean square, in nT².
     pub(super) square: f64,
-    /// Fraction of all waves of the map.
+    /// Fraction of the map's waves that the bin contains.
     pub(super) part: f64,
 }
 
 impl RadialPower {
-    /// Spectrum of a map. Unknown nodes (NaN) are replaced by the mean of the known nodes, and the total is scaled to
-    /// the known nodes.
+    /// Spectrum of a map. Unknown nodes (NaN) are replaced by the mean of the known nodes, and the total power is
+    /// scaled to the power of the known nodes.
     ///
     /// # Errors
     /// Returns the errors of [`MapSpectrum::new`].

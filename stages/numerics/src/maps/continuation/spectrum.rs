@@ -46,16 +46,16 @@ impl MapSpectrum {
 
     /// Map whose spectrum is multiplied by a factor, a function of the wavenumbers along easting and northing in rad/m.
     ///
-    /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so a derivative along easting is the factor i
-    /// k_east. The factor must be hermitian, f(−k) = conj f(k), for the result to be real. For the two-node wave, the
-    /// mean of both directions is used. The removed trend is multiplied by the real part of f(0).
+    /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so the factor of a derivative along easting is i
+    /// k_east. The factor must be hermitian, f(−k) = conj f(k), for the result to be real. For a wave of two nodes, the
+    /// mean of the factors of both directions is used. The removed trend is multiplied by the real part of f(0).
     pub fn filtered(&self, factor: impl Fn(f64, f64) -> Complex<f64> + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0, 0.0).re);
         self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
-    /// Does the same as the function above in half the time, for a real factor that depends only on the magnitude of
-    /// the wavenumber.
+    /// Same as [`Self::filtered`], but in half the time, for a real factor that depends only on the magnitude of the
+    /// wavenumber.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(WavenumberFactor::Radial(&factor), &trend)
@@ -80,7 +80,7 @@ impl MapSpectrum {
     }
 }
 
-/// Single result without a stored spectrum; it uses twice the memory of the map.
+/// Single result without a stored spectrum; the computation uses twice the memory of the map.
 pub(super) fn filtered_once(
     grid: &PlaneGrid,
     distance_m: f64,

@@ -74,7 +74,7 @@ impl MapTransform {
         self.layout.columns.padded / 2 + 1
     }
 
-    /// Spectra of the rows minus the trend, in a buffer for `rows` rows.
+    /// Spectra of the map's rows after the trend is subtracted, in a buffer for `rows` rows.
     fn rows_forward(&self, grid: &PlaneGrid, trend: &TrendPlane, rows: usize) -> Vec<f64> {
         let columns = self.layout.columns;
         let mut buffer = vec![0.0; 2 * self.half() * rows];
@@ -110,7 +110,8 @@ impl MapTransform {
         values
     }
 
-    /// A real line has a real mean and a real highest wave; rounding adds an imaginary part of about 1e-16.
+    /// In the spectrum of a real line, the mean and the shortest wave are real; rounding adds an imaginary part of
+    /// about 1e-16.
     fn make_ends_real(&self, spectrum: &mut [Complex64]) {
         if let Some(first) = spectrum.first_mut() {
             first.im = 0.0;
@@ -199,7 +200,7 @@ impl MapTransform {
         }
     }
 
-    /// A two-node wave propagates in both directions: its factor is the mean of both.
+    /// A wave of two nodes has two opposite directions: its factor is the mean of the factors of both.
     fn at_fold(
         &self,
         index: usize,
@@ -221,7 +222,7 @@ impl MapTransform {
         std::f64::consts::TAU * index as f64 / (self.layout.columns.padded as f64 * self.steps_m[0])
     }
 
-    /// The wavenumber of a row up to the middle row, in rad/m.
+    /// The wavenumber of a row, in rad/m, for the rows up to the middle row.
     pub(super) fn k_north(&self, row: usize) -> f64 {
         std::f64::consts::TAU * row as f64 / (self.layout.rows.padded as f64 * self.steps_m[1])
     }
@@ -278,7 +279,7 @@ impl<'a> ColumnBlock<'a> {
         });
     }
 
-    /// Copies the rows from `at` on back to the buffer.
+    /// Copies the rows of the block from row `at` on back to the buffer.
     fn scatter(&self, buffer: &mut [f64], at: usize) {
         let half = 2 * self.transform.half();
         let columns = &self.columns[..self.width * self.stride];

@@ -49,7 +49,7 @@ pub struct DownwardContinuation {
     pub map: PlaneGrid,
     /// Damping parameter α, in m².
     pub alpha_m2: f64,
-    /// L-curve, also if α is given.
+    /// L-curve, computed even if α is given.
     pub curve: LCurve,
     /// Regularisation error in nT: the rms of the lower map, continued upward again, minus the map.
     pub regularisation_error_nt: f64,
@@ -57,11 +57,12 @@ pub struct DownwardContinuation {
 
 /// Map continued downward by `down_m` metres, at least 0.
 ///
-/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: the misfit of the lower map U to the map F plus its roughness.
-/// The L-curve plots the rms of the misfit against the rms of the gradient for many α. The corner of the L-curve is the
-/// point of maximum curvature: less damping adds noise, and more damping removes signal [Hansen 1992, SIAM Review 34].
-/// MagNav.jl instead uses the largest change between maps of successive α as the corner, which depends on a single node
-/// and requires a map for each α. Here the whole curve is computed from the power of the spectrum.
+/// The lower map U minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: its misfit to the map F plus α times its
+/// roughness. The L-curve plots the rms of the misfit against the rms of the gradient for many α. The corner of the
+/// L-curve is the point of maximum curvature: less damping adds noise, and more damping removes signal [Hansen 1992,
+/// SIAM Review 34]. MagNav.jl instead places the corner at the largest change between the maps of successive α; this
+/// change depends on a single node, and every α requires a map. Here the whole curve is computed from the power of the
+/// spectrum.
 ///
 /// # Errors
 /// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::Height`] for a distance below 0 or
@@ -103,11 +104,11 @@ pub fn stack(
 }
 
 impl MapSpectrum {
-    /// Map continued by a height in metres. Negative heights are damped by α in m².
+    /// Map continued upward by `up_m` metres. A negative height continues it downward, damped by α in m².
     ///
     /// # Errors
-    /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite
-    /// number.
+    /// Fails with [`ContinuationError::Height`] for a height that is not finite, or with [`ContinuationError::Alpha`]
+    /// for an α that is not a finite number of at least 0.
     pub fn at_height(&self, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;

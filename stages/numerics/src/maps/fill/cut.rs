@@ -33,7 +33,7 @@ pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     Ok(cut(grid, padded(rows, grid.rows()), padded(columns, grid.columns())))
 }
 
-/// The rows and the columns that contain all matching values; `None` if there are no known nodes.
+/// The rows and the columns that contain all matching values; `None` if no value matches.
 pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Option<(Range<usize>, Range<usize>)> {
     let mut found: Option<(Range<usize>, Range<usize>)> = None;
     for (row, values) in grid.values.chunks_exact(grid.columns()).enumerate() {

@@ -4,7 +4,7 @@ use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// Number of rows and columns around an unknown node that must be searched. A known node farther away cannot be among
-/// the `neighbours` nearest of any unknown node, unless it is on the border of the map.
+/// the `neighbours` known nodes nearest to any unknown node, unless it is on the border of the map.
 ///
 /// Consider a known node whose eight neighbours are all known. At least three of these neighbours are nearer to any
 /// unknown node than the known node itself. If the unknown node is c columns and r rows away, the three are one step
@@ -18,7 +18,7 @@ fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     if neighbours <= 3 && near_square { 1 } else { neighbours }
 }
 
-/// Known nodes that can be among the `neighbours` nearest of an unknown node, in grid order.
+/// Known nodes that can be among the `neighbours` known nodes nearest to an unknown node, in grid order.
 pub(super) fn edge_nodes(grid: &PlaneGrid, neighbours: usize) -> Vec<usize> {
     let (rows, width) = (grid.rows(), grid.columns());
     let reach = reach(neighbours, grid.east_m.step, grid.north_m.step);

@@ -35,7 +35,8 @@ impl MultigridFrame {
         (row + 1) * self.width() + column + 1
     }
 
-    /// Sets every inner row of `out`, without its ends, in parallel; rows are counted as in [`Self::index`].
+    /// Sets every inner row of `out`, except the first and last node of the row, in parallel; rows are counted as in
+    /// [`Self::index`].
     pub(super) fn each_row(self, out: &mut [f64], set: impl Fn(usize, &mut [f64]) + Sync) {
         let inner = self.width()..self.width() * (self.rows + 1);
         out[inner].par_chunks_exact_mut(self.width()).enumerate().for_each(|(row, out)| {
@@ -57,7 +58,7 @@ pub(super) struct MultigridLevel {
     east: Vec<f32>,
     /// The coupling of each node with its northern neighbour.
     north: Vec<f32>,
-    /// The sum of the couplings of a node to known nodes.
+    /// The sum of the couplings of an unknown node to its known neighbours.
     fixed: Vec<f32>,
 }
 

@@ -13,7 +13,7 @@ pub enum NeighbourWeights {
     /// Uniform weights, as in MagNav.jl.
     #[default]
     Equal,
-    /// Distance to the power of minus this exponent, which is above zero. [Shepard 1968]
+    /// Inverse of the distance raised to this exponent, which is above zero. [Shepard 1968]
     InverseDistance(f64),
 }
 
@@ -109,7 +109,7 @@ impl<'a> NearestNodeSearch<'a> {
         };
         let weight = |squared: f64| match self.options.weights {
             NeighbourWeights::Equal => 1.0,
-            // Relative to the nearest distance, so that powers do not overflow.
+            // Distances are relative to the nearest one, so that powers do not overflow.
             NeighbourWeights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
         };
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -126,7 +126,7 @@ impl<'a> NearestNodeSearch<'a> {
         // Distances from the tree are rounded. The order is based on distances that do not depend on the position
         // within the grid.
         const ROUNDING: f64 = 1e-9;
-        // The distance to each of the previous nodes is at most the previous distance plus the step.
+        // The distance to a node found before is at most its distance from the previous position plus the step.
         let enough =
             found.nodes.last().filter(|_| found.nodes.len() == self.take).map_or(f64::INFINITY, |(last, _)| {
                 (last.sqrt() + column.abs_diff(found.column) as f64).powi(2) * (1.0 + ROUNDING)

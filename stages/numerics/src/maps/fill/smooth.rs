@@ -19,9 +19,9 @@ pub struct SmoothFill {
     /// with a kink at the edge. If true, the result is the surface of minimum curvature (the biharmonic equation): no
     /// kink, but it can overshoot in a gap wider than the anomalies around it. [Briggs 1974]
     pub keep_slope: bool,
-    /// The error at which the iteration stops, as a fraction of the range of the known values. The estimate is the
-    /// change that one further multigrid cycle would make. For a surface of minimum curvature the remaining error may
-    /// be some four times larger.
+    /// The error at which the iteration stops, as a fraction of the range of the known values. The error is estimated
+    /// as the change that one further multigrid cycle would make. For a surface of minimum curvature the remaining
+    /// error may be some four times larger.
     pub tolerance: f64,
     /// The maximum number of iterations.
     pub max_iterations: usize,
@@ -48,10 +48,11 @@ pub struct SmoothFillReport {
 /// Replaces the unknown nodes by a smooth surface through the known nodes, which do not change. The border of the map
 /// is free: the surface has zero slope across it.
 ///
-/// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
-/// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
-/// 1000 for 600. The method is therefore suitable for gaps up to about a hundred nodes wide. Memory is some 70 bytes
-/// per node of the rectangle around the gaps. Results are bit-identical for any number of threads.
+/// The surface is computed by conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs
+/// some fifteen iterations for any width of the gap. For minimum curvature the number of iterations grows with the
+/// width of the gap: some 60 for 80 nodes and 1000 for 600 nodes. The method is therefore suitable for gaps up to about
+/// a hundred nodes wide. Memory is some 70 bytes per node of the rectangle around the gaps. Results are bit-identical
+/// for any number of threads.
 ///
 /// # Errors
 /// Fails if the map is invalid or has no known node, if a parameter is out of its valid range, or if the tolerance is

@@ -7,7 +7,8 @@ use crate::regression::statistics::median;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Maximum number of points at which the distance to the next line is computed.
+/// Approximate number of points at which the distance to the next line is computed; the real number is below twice
+/// this.
 const PROBES: usize = 4000;
 
 /// The cosine of 30 degrees.
@@ -52,8 +53,8 @@ fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
     points.runs().into_iter().map(of).collect()
 }
 
-/// Block side for lines `spacing_m` apart: a quarter of the spacing, but at most 200 m. Such distances are typical for
-/// changes of the field a hundred or a few hundred metres above its sources, at any line spacing.
+/// Block side for lines `spacing_m` apart: a quarter of the spacing, but at most 200 m. A hundred or a few hundred
+/// metres above its sources, the field changes over such distances at any line spacing.
 pub fn block_m(spacing_m: f64) -> f64 {
     (0.25 * spacing_m).min(200.0)
 }

@@ -5,7 +5,7 @@ use super::nearest::range;
 /// Numbers of Chebyshev points along the two horizontal axes and along the vertical axis.
 pub(super) const ACROSS: usize = 4;
 pub(super) const UPWARD: usize = 2;
-/// Chebyshev points of a box.
+/// Number of Chebyshev points of a box.
 pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 
 /// Coordinates of points, one column per axis, in metres.

@@ -269,7 +269,7 @@ impl FittedSourceLayer {
         (0..targets.len()).map(|i| least.get(i).is_none_or(|least| *least <= targets.up[i])).collect()
     }
 
-    /// Minimum height at each target: half the layer's depth above the nearest source. Empty if all targets are that
+    /// Minimum height at each target: half the layer's depth above the nearest source. Empty if every target is that
     /// far above all sources.
     fn least_m(&self, targets: &PointPositions) -> Vec<f64> {
         let sources = &self.clusters.points;
@@ -285,7 +285,8 @@ impl FittedSourceLayer {
     }
 }
 
-/// Evenly spaced nodes of a layer with a measurement within reach, `depth_m` beneath the lowest measurement around.
+/// Evenly spaced nodes of a layer that have a measurement within reach, each `depth_m` beneath the lowest measurement
+/// around it.
 fn source_places(points: &PointPositions, near: &PointCellIndex, layer: &SourceLayer) -> PointPositions {
     let nodes = |axis: &[f64]| -> Vec<f64> {
         let [a, b] = range(axis).map(|x| x / layer.spacing_m);

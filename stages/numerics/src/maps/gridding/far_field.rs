@@ -15,7 +15,7 @@ pub(super) struct ProxySources<'a> {
     strength: &'a [f64],
     proxies: &'a [PointPositions],
     spread: Vec<Vec<f64>>,
-    /// Two boxes are far when the sum of their radii is less than this fraction of their distance.
+    /// Two boxes are far apart if the sum of their radii is less than this fraction of their distance.
     far: f64,
 }
 
@@ -50,8 +50,8 @@ impl<'a> ProxySources<'a> {
         PointSources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
     }
 
-    /// Calls `visit` with the sources of every box and whether the box is far; proxies may replace the sources of a far
-    /// box.
+    /// Calls `visit` for boxes that together contain all sources, with the sources of the box and whether the box is
+    /// far; proxies may replace the sources of a far box.
     fn each(&self, target: &ClusterBox, mut visit: impl FnMut(PointSources, bool)) {
         let mut open = vec![0];
         while let Some(at) = open.pop() {

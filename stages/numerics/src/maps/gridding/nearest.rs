@@ -106,7 +106,7 @@ fn cell(first: [f64; 2], cell_m: f64, at: [f64; 2]) -> [i64; 2] {
     [0, 1].map(|a| ((at[a] - first[a]) / cell_m).floor() as i64)
 }
 
-/// Smallest and largest value; zeros if there are none.
+/// Smallest and largest value; zeros if there are no values.
 pub fn range(values: &[f64]) -> [f64; 2] {
     let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &v| [a.min(v), b.max(v)]);
     if ends[0] <= ends[1] { ends } else { [0.0, 0.0] }

@@ -58,7 +58,7 @@ impl SurveyPoints<'_> {
         self.len() == 0
     }
 
-    /// The points of these indices; an index past the end is ignored.
+    /// The points with these indices; an index past the end is ignored.
     pub fn pick(&self, indices: &[usize]) -> OwnedSurveyPoints {
         let take = |column: &[f64]| indices.iter().filter_map(|&i| column.get(i).copied()).collect();
         OwnedSurveyPoints {

@@ -5,10 +5,10 @@ use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, Mat, Par, Side};
 use rayon::prelude::*;
 
-/// Number of sources of a window, without the overlap.
+/// Maximum number of sources of a window, without the overlap.
 const CORE: usize = 256;
 
-/// Overlap of the windows' sources, in depths; measurements are included to twice this distance.
+/// Overlap of the windows' sources, in depths; measurements are included up to twice this distance.
 const OVERLAP: f64 = 1.5;
 
 /// Overlapping-window (Schwarz) preconditioner of a layer.
@@ -66,7 +66,7 @@ impl SchwarzPreconditioner {
     }
 }
 
-/// The sorted points inside west..east and south..north.
+/// Indices, ascending, of the sorted points between two eastings and two northings.
 fn inside(clusters: &ClusterTree, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
     let (mut open, mut found) = (vec![0], Vec::new());
     let points = &clusters.points;

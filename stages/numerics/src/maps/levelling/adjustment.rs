@@ -351,7 +351,7 @@ fn beyond_errors(values: &[(f64, f64)]) -> f64 {
     if values.is_empty() || squares <= n + BEYOND * (2.0 * n).sqrt() { 0.0 } else { ((squares - n) / weights).sqrt() }
 }
 
-/// The inverse of a symmetric matrix by rows, with `least` added to its diagonal.
+/// The inverse, by rows, of a symmetric matrix to whose diagonal `least` is added.
 fn inverse(mut a: Vec<f64>, n: usize, least: f64) -> Vec<f64> {
     (0..n).for_each(|i| a[i * n + i] += least.max(f64::MIN_POSITIVE));
     let mut out = vec![0.0; n * n];

@@ -58,8 +58,8 @@ impl DrapeMap {
     }
 
     /// Anomaly at a height in metres, with a stack of the same field: the map's value plus the change of the stack from
-    /// the map's height to `alt_m`. The stack is continued and the map is not, so the stack's error at the surface
-    /// cancels. `None` if the map or the stack has no value at either height.
+    /// the map's height to `alt_m`. The stack contributes only this change, so its error at the surface cancels. `None`
+    /// if the map has no value, or if the stack has no value at one of the two heights.
     pub fn at_height_by(&self, stack: &MapStack, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
         let on_map =

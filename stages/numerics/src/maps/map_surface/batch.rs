@@ -136,7 +136,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
     }
 }
 
-/// Look-up at a map's own level, for all heights.
+/// Look-up at a map's own level, regardless of the height.
 struct OwnLevelLookup<'a>(&'a MapSurface);
 
 impl FieldLookup for OwnLevelLookup<'_> {

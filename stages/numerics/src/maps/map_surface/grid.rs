@@ -54,7 +54,7 @@ pub enum MapGridError {
         node: usize,
         /// The coordinate.
         value_deg: f64,
-        /// Value of the node for even steps.
+        /// Coordinate that the node would have with even steps.
         even_deg: f64,
         /// The difference, in steps.
         off_by_steps: f64,

@@ -4,7 +4,7 @@
 //! spline passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Beyond both ends the spline is linear, with
 //! `c[i] = f[i]` there.
 
-/// Converts every column of a row-major table from node values to coefficients along the rows' direction.
+/// Converts every column of a row-major table from node values to spline coefficients.
 pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
     let rows = table.len().checked_div(columns).unwrap_or(0);
     if rows < 3 {

@@ -41,7 +41,7 @@ pub(crate) struct GridInterpolant<const QUANTITIES: usize> {
     /// Linear: the node values by rows. Splines: the B-spline coefficients by rows, with one more row and column on
     /// each side, so that a look-up needs no special case at the edge.
     table: Vec<[f64; QUANTITIES]>,
-    /// For splines only: in a linear table the unknown nodes are NaN.
+    /// Cells with an unknown node, for splines only; in a linear table, unknown nodes are NaN.
     unknown: UnknownCells,
 }
 
@@ -73,8 +73,8 @@ impl<const QUANTITIES: usize> GridInterpolant<QUANTITIES> {
         }
     }
 
-    /// Reads the first and the last node of each row that [`Self::at`] reads, which prefetches all its cache lines; the
-    /// sum is not used.
+    /// Reads the first and the last node of each row that [`Self::at`] reads, which prefetches all cache lines of the
+    /// row; the sum is not used.
     #[inline(always)]
     pub(crate) fn touch(&self, cell: CellPosition) -> f64 {
         match self.interpolation {
