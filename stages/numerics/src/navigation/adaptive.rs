@@ -51,9 +51,9 @@
 //! # Process noise
 //!
 //! (5.47) of Gnadt 2022, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
-//! With the printed Q̂, the covariance keeps its initial value, because K C Kᵀ adds back the decrease by each update.
-//! Instead, the filter adds the excess to the model's Q, with the mean of v²/(H P Hᵀ + R) of the last N samples in
-//! place of C/(H P Hᵀ + R):
+//! With the printed Q̂, the covariance keeps its initial value, because K C Kᵀ adds back the decrease that each update
+//! causes. Instead, the filter adds the excess to the model's Q, with the mean of v²/(H P Hᵀ + R) of the last N samples
+//! in place of C/(H P Hᵀ + R):
 //!
 //! ```text
 //! Q̂ = Q + ε K (H P Hᵀ + R) Kᵀ,     ε = mean of v²/(H P Hᵀ + R), less 1, between 0 and 1
@@ -67,7 +67,7 @@
 //! # Irregularities
 //!
 //! A measurement that is not finite, or whose sigma is not above 0, is skipped and does not change the window of its
-//! magnetometer. A sample without any measurement is missing. If the estimated position is off the map, all
+//! magnetometer. A sample without any measurement counts as missing. If the estimated position is off the map, all
 //! magnetometers are skipped. A gated measurement is not used, but enters the window with the size of the largest
 //! accepted innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little.
 //! Everything else is the same as in [`ekf`](crate::navigation::ekf).
@@ -160,7 +160,7 @@ impl AdaptiveParameters {
     /// Rejects parameters out of range.
     ///
     /// # Errors
-    /// Fails for a window below 2 and a gate that is not a finite number above 0.
+    /// Fails for a window below 2, or for a gate that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         if self.window < 2 {
             let what = format!("`window` must be at least 2, not {}", self.window);
@@ -278,7 +278,7 @@ pub fn run(
     Ok(AdaptiveOutput { navigation, magnetometers, given_back })
 }
 
-/// State of the filter between two samples, except the estimate, and its output.
+/// Output of the filter, and its state between two samples except the estimate.
 #[derive(Clone)]
 struct AdaptiveState<'a> {
     parameters: AdaptiveParameters,

@@ -4,7 +4,7 @@
 //!
 //! The measurements and their models are described in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`]
 //! regresses the slope of the map over the uncertainty of the position, and treats the nonlinearity over this
-//! uncertainty as noise [Hostetler & Andreas 1983]. At the top of a hill, where the slope vanishes, no other
+//! uncertainty as noise [Hostetler & Andreas 1983]. At the top of an anomaly, where the slope vanishes, no other
 //! linearisation is consistent.
 //!
 //! At each sample, the filter uses the aiding positions first, then the scalar field, the difference, the vector and

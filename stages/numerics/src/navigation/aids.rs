@@ -41,7 +41,7 @@
 //! **The vector** measures the attitude, except for the rotation about the field, with an error of (σ_v, b_v)/|B|. An
 //! error of 50 nT in a field of 50,000 nT corresponds to 0.06 degrees. The component along the field repeats the scalar
 //! measurement. The scalar map does not determine the part of the crustal field across the core field, although this
-//! part is as large as the anomaly. It is the state a_c (north, east, down, with equal standard deviations and a
+//! part is as large as the anomaly. This part is the state a_c (north, east, down, with equal standard deviations and a
 //! correlation length).
 //!
 //! **A flat map** ([`Aids::flat_over_m`]): where the standard deviation of the measurement's white noise exceeds this

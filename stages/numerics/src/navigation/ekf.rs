@@ -56,7 +56,7 @@ pub fn run(
 ) -> Result<NavigationOutput, NavigationError> {
     let core = core.map(|core| Arc::new(core.clone()));
     let point = EkfInput { parameters, measurement_nt, sigma_nt: None, fixes: None, map, core: core.as_ref() };
-    // One point has one result.
+    // A single point gives exactly one result.
     run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(NavigationOutput::default()))
 }
 
@@ -78,14 +78,15 @@ pub struct EkfInput<'a> {
     pub core: Option<&'a Arc<CoreField>>,
 }
 
-/// Filters one line at several points. The results are in the order of the points and bit-identical to [`run`].
+/// Runs one filter over the same line for each of `points`. The results are in the order of the points and
+/// bit-identical to [`run`].
 ///
 /// Points with equal time constants (except that of the temporal variation), discretisation and, for
 /// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition
-/// matrices. All results are in memory together.
+/// matrices. All results are in memory at the same time.
 ///
 /// # Errors
-/// Each result has the errors of [`run`].
+/// Each result fails with the errors of [`run`].
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfInput<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];

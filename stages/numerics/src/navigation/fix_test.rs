@@ -58,7 +58,7 @@ pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 pub struct FixTestResult {
     /// Accepted fixes; rejected fixes are NaN.
     pub accepted: PositionFixes,
-    /// Whether a coordinate of the fix of each sample was rejected.
+    /// For each sample, whether a coordinate of its fix was rejected.
     pub rejected: Vec<bool>,
     /// Samples at which the cumulative sum raised an alarm.
     pub alarms: Vec<usize>,
@@ -99,7 +99,7 @@ struct FixTestChannel {
     alarm: Option<usize>,
     /// Squares of the last whitened innovations.
     squares: Vec<f64>,
-    /// Whether the fix of each sample is used.
+    /// For each sample, whether its fix is used.
     uses: Vec<bool>,
 }
 

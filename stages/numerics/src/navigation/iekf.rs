@@ -63,7 +63,7 @@ impl IekfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for no iteration, or for a tolerance or gate that is not a finite number above 0.
+    /// Fails for zero iterations, or for a tolerance or gate that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;

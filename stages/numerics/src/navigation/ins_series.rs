@@ -111,7 +111,7 @@ pub enum SeriesError {
 }
 
 impl<'a> InsSeries<'a> {
-    /// Samples from `row` on, which is below [`InsSeries::len`].
+    /// Samples from `row` on; `row` is below [`InsSeries::len`].
     pub fn from(&self, row: usize) -> Self {
         Self::from_columns(self.columns().map(|(_, column)| &column[row..]))
     }

@@ -10,9 +10,9 @@
 //!
 //! The white noise, and the standard deviation and time constant of the first-order Gauss-Markov process, are searched
 //! in logarithms: on a coarse grid, then with shrinking steps around the best point of the grid. A constant offset of
-//! the measurement is a Gauss-Markov process with a long time constant. The measurements are thinned, so that errors
-//! with correlation times below the interval count as white. An innovation beyond the gate is limited to the gate, so
-//! that spikes have little influence.
+//! the measurement appears as a Gauss-Markov process with a long time constant. The measurements are thinned, so that
+//! errors with correlation times below the interval count as white. An innovation beyond the gate is limited to the
+//! gate, so that spikes have little influence.
 //!
 //! The permanent field of an aircraft changes after its calibration, by landings, temperature, or parts that are
 //! magnetised. In turns, the effect of this change on the field is not a Gauss-Markov process in time. If three states
@@ -69,8 +69,8 @@ pub struct NoiseSearch<'a> {
     pub direction: Option<&'a [[f64; 3]]>,
     /// Aircraft field of an uncompensated magnetometer. It cannot be combined with `direction`.
     pub aircraft: Option<AircraftStates<'a>>,
-    /// Prior standard deviation of the lag of the magnetometer, in seconds; 0 for none, `None` to search for a lag. An
-    /// `aircraft` field has no lag.
+    /// Prior standard deviation of the lag of the magnetometer, in seconds; 0 for no lag, `None` to search for a lag.
+    /// An `aircraft` field has no lag.
     pub latency_sigma_s: Option<f64>,
     /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres. 0 for
     /// no bias; `None` to search for a bias, which requires a map that changes with height. An `aircraft` field has no
@@ -118,7 +118,7 @@ type NoisePoint = [f64; PARAMETERS];
 
 /// Indices of the parameters of the permanent field.
 const PERMANENT: [usize; 2] = [3, 4];
-/// Indices of time constants. They have the smallest influence, so their steps are wider.
+/// Indices of time constants. These parameters have the smallest influence, so their steps are wider.
 const TIMES: [usize; 2] = [2, 4];
 
 /// Maximum-likelihood noise of a line; `None` if fewer than [`FEWEST`] measurements are usable.
@@ -248,7 +248,7 @@ impl InnovationLikelihood {
 }
 
 impl<'a> NoiseLikelihood<'a> {
-    /// Likelihood with the states and the map error of an estimated noise.
+    /// Likelihood with the same constant states and the same map error as an estimated noise.
     fn with_noise(search: &'a NoiseSearch<'a>, thinned: &'a ThinnedLine, terms: &'a [f64], noise: &LineNoise) -> Self {
         let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
         Self { search, thinned, terms, map_factor: noise.own_map_factor(), latency_sigma_s, map_height_sigma_m }
@@ -372,7 +372,7 @@ impl NoiseLikelihood<'_> {
     }
 
     /// Neighbours of a point: each free parameter one step down, unchanged, or one step up. With further states only
-    /// one parameter changes, because their filter takes longer.
+    /// one parameter changes at a time, because a filter with these states takes longer.
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let free = self.search.free(&point);
         let is_slow = self.has_constants() || has_permanent(&point);

@@ -15,7 +15,7 @@
 //! map may be unusually flat or steep at a single position.
 //!
 //! The mean over e is computed by a Gauss-Laguerre rule of three nodes in |e|²/2, for each of eight directions
-//! [Abramowitz & Stegun 1964, 25.4.45]. It is exact for a field of second and third degree.
+//! [Abramowitz & Stegun 1964, 25.4.45]. The rule is exact for a field of second and third degree.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;
@@ -59,8 +59,8 @@ impl LinearRange {
 
 /// Range at the first sample of a line, for the initial covariance and the mean square noise of its measurements.
 ///
-/// Aiding positions of the first sample reduce the covariance. The path is that of the INS, straight ahead. The line is
-/// valid ([`NavigationLine::check`]).
+/// Aiding positions of the first sample reduce the covariance. The path leads straight ahead from the INS position. The
+/// line is valid ([`NavigationLine::check`]).
 pub fn at_start(line: &NavigationLine<'_>) -> LinearRange {
     let ins = line.ins;
     let p = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);

@@ -123,10 +123,12 @@ pub use hand_over::{HandOver, HandOverOutput, LocatedAircraft, locate, run_then_
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
-/// A measurement is not used if its NIS exceeds this limit for every particle; one valid measurement in a billion does.
+/// A measurement is not used if its NIS exceeds this limit for every particle; the NIS of one valid measurement in a
+/// billion exceeds it.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
-/// States with the biases of difference and height, and the map error, without the states of a vector.
+/// Number of states including the biases of difference and height and the map error, but not the states of a vector
+/// measurement.
 const WITH_BIASES: usize = STATES + 3;
 /// Number of states including the states of a vector measurement.
 const WITH_VECTOR: usize = WITH_BIASES + 6;

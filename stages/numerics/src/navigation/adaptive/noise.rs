@@ -20,9 +20,9 @@ pub(super) struct NoiseEstimator {
     /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// Last squared innovations, in nT². Relative ones are divided by the ratio of the assumed variance at their time
-    /// to the first assumed variance. In the matched form, H P Hᵀ is subtracted from each. In the residual form, each
-    /// is the expected squared noise a posteriori.
+    /// Last squared innovations, in nT². With `relative`, each is divided by the ratio of the assumed variance at its
+    /// time to the first assumed variance. In the matched form, H P Hᵀ is subtracted from each. In the residual form,
+    /// each is the expected squared noise a posteriori.
     window: SlidingSum,
     /// Innovation of this sample before its update.
     open: Option<PendingInnovation>,
@@ -123,8 +123,8 @@ impl NoiseEstimator {
         self.adapted.sigma_nt.push(f64::NAN);
     }
 
-    /// Adds the innovation of a reading, if usable, to `fusion` with the noise estimated before it, and updates the
-    /// noise estimate. `predicted_nt2` is H P Hᵀ.
+    /// Adds the innovation of a reading, if usable, to `fusion` with the noise estimated from earlier readings, and
+    /// updates the noise estimate. `predicted_nt2` is H P Hᵀ.
     pub(super) fn innovate(
         &mut self,
         reading: Reading,

@@ -120,8 +120,9 @@ pub(crate) struct AidedFilter<'a> {
     pub(crate) output: AidedOutput,
     /// Number of consecutive rejections of a measurement of the field.
     rejected: usize,
-    /// Whether the INS is the truth and the filter computes the covariance about it. No measurement then changes the
-    /// state. An innovation is measurement minus truth, and its NIS uses the variance of noise and slow errors.
+    /// Whether the INS of the line is treated as the truth, about which the filter computes the covariance. No
+    /// measurement then changes the state. An innovation is measurement minus truth, and its NIS uses the variance of
+    /// noise and slow errors.
     bound: bool,
 }
 
@@ -433,7 +434,7 @@ impl<'a> AidedFilter<'a> {
             tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
         };
-        // Position, and the sum of the states that the measurement contains directly.
+        // Columns of P for the position, and for the sum of the states that the measurement contains directly.
         let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p.row(state).to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
         for (state, entry) in [of.further, of.latency].into_iter().chain(of.lasting.iter()) {

@@ -4,8 +4,8 @@ use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
 use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
-/// Fractions of the map's slope that are tried first, and the factor between the best of them and the fractions that
-/// are tried next.
+/// Fractions of the map's slope that are tried first. The best one, multiplied and divided by the factor `FINER`, is
+/// tried next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
 /// Smallest ratio between the numbers of samples that two compared runs use. A run with fewer used samples has diverged
@@ -20,8 +20,8 @@ struct SlopeErrorLikelihood {
 }
 
 /// Maximum-likelihood estimate of the standard deviation of the map's slope error along the baseline, in nT/m. The
-/// likelihood is that of the innovations of the difference on a line. Returns 0 without a difference, or if no run
-/// determines the estimate.
+/// likelihood is computed from the innovations of the difference on a line. Returns 0 without a difference, or if no
+/// run determines the estimate.
 ///
 /// Each value is tried with and without the scalar field, because the scalar field may contain the aircraft field, or
 /// disturbances that cancel in the difference. Costs up to 16 runs of an extended Kalman filter.

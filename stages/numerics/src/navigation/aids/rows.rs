@@ -15,7 +15,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 
 use super::{AidInnovations, AidStates, Aids, DifferenceAid, VectorAid};
 
-/// Distance over which the core field is linear, in metres.
+/// Step, in metres, of the finite differences of the core field, over which the field is nearly linear.
 const CORE_STEP_M: f64 = 1000.0;
 
 /// A further measurement.
@@ -54,7 +54,7 @@ pub(crate) struct LinearisedAid {
     /// Variance of the white noise of the measurement.
     pub(crate) variance: f64,
     ins: StateVector,
-    /// Index and entry of the bias.
+    /// Index of the bias state, and its entry of H.
     own: (usize, f64),
     /// Further slow errors: the three parts of the crustal field, or the two errors of the map's slope.
     lasting: JacobianBlock,
@@ -91,7 +91,7 @@ impl LinearisedAid {
         self.value - self.sensitivity().dot(x)
     }
 
-    /// Prior variance of the slow errors: of the bias, of the crustal field, and of a temporal variation with this
+    /// Prior variance that slow errors add to the measurement: its further states, and a temporal variation with this
     /// standard deviation.
     pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
         let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);

@@ -7,7 +7,7 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 
-/// Inverse wavenumber of the anomalies, in metres, for a line too flat to determine it.
+/// Assumed inverse wavenumber of the anomalies, in metres, for a line that is too flat to determine it.
 const FLAT_LENGTH_M: f64 = 1000.0;
 
 /// Standard deviations of the errors of a map's slope. The default is an exact map.
@@ -60,9 +60,9 @@ pub struct MapSlope {
     pub length_m: f64,
     /// Standard deviation of the upward slope at each sample, in nT/m; empty if the map contains the upward slope.
     ///
-    /// The field of buried sources has as much power in its upward slope as in both horizontal slopes. The estimate
-    /// combines the horizontal slope at the sample, which follows the local strength of the anomalies, with that of the
-    /// whole line, which does not vanish at the top of an anomaly.
+    /// The field of buried sources has as much power in its upward slope as in both horizontal slopes together. The
+    /// estimate combines the horizontal slope at the sample, which follows the local strength of the anomalies, with
+    /// the horizontal slope of the whole line, which does not vanish at the top of an anomaly.
     pub upward_nt_per_m: Vec<f64>,
 }
 

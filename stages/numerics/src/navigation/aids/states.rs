@@ -6,8 +6,8 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 use super::{Aids, JacobianBlock, SlopeError};
 
-/// Standard deviation, in nT, of the constant offset that accompanies a change of the permanent field. It exceeds the
-/// constants that calibration and map leave undetermined.
+/// Standard deviation, in nT, of the constant offset that accompanies a change of the permanent field. The value
+/// exceeds any constant offset that calibration and map leave undetermined.
 const OFFSET_SIGMA_NT: f64 = 100.0;
 
 /// Gauss-Markov states of the further measurements, in consecutive order.
@@ -38,7 +38,7 @@ pub(crate) struct AidStates {
 }
 
 impl AidStates {
-    /// Layout of the states from an index on.
+    /// Layout of the states; `first` is the index of the first one.
     pub(crate) fn new(aids: &Aids<'_>, first: usize) -> Self {
         let mut states = Self { first, ..Self::default() };
         states.difference = aids.difference.map(|of| states.add(of.bias));

@@ -103,7 +103,7 @@ impl<'a, C: EkfSamples> EkfLane<'a, C> {
         self.fault.map_or(Ok(self.output), Err)
     }
 
-    /// Measurement of a row and the field predicted there; `None` if measurement or field is missing; the sample is
+    /// Measurement of a row and the field predicted there; `None` if measurement or field is missing, and the sample is
     /// then counted.
     fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
         let Some((measured_nt, _)) = usable(self.samples.reading(row), self.offset_nt) else {
@@ -201,7 +201,8 @@ impl<'a, S: Simd, C: EkfSamples> EkfPack<'a, S, C> {
         }
     }
 
-    /// Value of every filter; consecutive equal values are computed once.
+    /// Value of a function of each filter's temporal variation, by lane; equal consecutive processes are evaluated
+    /// once.
     #[inline(always)]
     fn of_fogm(&self, simd: S, of: impl Fn(GaussMarkov) -> f64) -> S::f64s {
         let mut last = self.filters[0].fogm;

@@ -46,7 +46,7 @@ struct NodePropagation {
 pub(super) struct NodeFix {
     /// Row of Φ from the node to the sample.
     h: StateVector,
-    /// Error of the INS there, and the variance of the fix.
+    /// Error of the INS at the sample according to the fix, and the variance of the fix.
     error: f64,
     pub variance: f64,
 }

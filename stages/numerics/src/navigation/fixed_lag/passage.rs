@@ -52,8 +52,8 @@ impl<'a> FrontFilter<'a> {
         Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
     }
 
-    /// Uses the measurements of a node: the first node of the line, or the node after that of the previous call. Drops
-    /// the node's measurements for which the map is too flat.
+    /// Uses the measurements of a node: the first node of the line, or the node after the node of the previous call.
+    /// Drops the node's measurements for which the map is too flat.
     pub(super) fn take(&mut self, node: &mut FixedLagNode) -> NodeEstimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);

@@ -25,8 +25,8 @@ pub(crate) struct WholeLineSolution {
     pub(crate) offset: (f64, usize),
 }
 
-/// Smooths a checked line, with its scalar measurement and the further measurements. Ends when no position changes by
-/// more than `tolerance_m`.
+/// Smooths a checked line, with its scalar measurement and the further measurements. The iteration ends when no
+/// position changes by more than `tolerance_m`.
 pub(crate) fn smooth(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,

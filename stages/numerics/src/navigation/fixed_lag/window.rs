@@ -272,7 +272,8 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Half the squared distance plus the loss of all residuals in `counted`, which replace those without a field.
+    /// Half the squared distance plus the loss of all residuals in `counted`. A residual without a field in `about`
+    /// keeps its value on the present path.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);

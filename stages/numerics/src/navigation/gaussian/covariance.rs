@@ -133,8 +133,8 @@ impl Covariance {
     /// Whether the variances are finite and not negative.
     #[inline(always)]
     pub(crate) fn is_sound(&self) -> bool {
-        // A sum is finite if all its terms are. An off-diagonal entry that is not finite affects two variances in the
-        // next step.
+        // The sum is finite only if all variances are. An off-diagonal entry that is not finite affects two variances
+        // in the next step.
         let sum: f64 = (0..self.states).map(|state| self.at(state, state)).sum();
         let least = (0..self.states).map(|state| self.at(state, state)).fold(0.0, f64::min);
         sum.is_finite() && least >= 0.0

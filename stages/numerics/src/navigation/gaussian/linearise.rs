@@ -23,7 +23,7 @@ pub(crate) struct ScalarSearch {
 /// Most probable state x⁻ + P v.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Optimum {
-    /// v of the measured states; the others are 0.
+    /// Entries of v for the measured states; the other entries are 0.
     pub(crate) v: [f64; 4],
     /// H of the last linearisation.
     pub(crate) h: Sensitivity,

@@ -63,7 +63,8 @@ impl StateEstimate {
 /// magnetometer), and the coefficients of each magnetometer in turn.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StateLayout {
-    /// Gauss-Markov errors. For errors with a correlation length, the correlation time is that of the step.
+    /// Gauss-Markov errors. The time constant of an error with a correlation length is computed for each step; see
+    /// [`Self::error_at`].
     pub errors: Vec<GaussMarkov>,
     /// Positions of the errors with a correlation length, and this length in metres.
     pub lengths_m: Vec<(usize, f64)>,

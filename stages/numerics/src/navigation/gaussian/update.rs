@@ -121,7 +121,7 @@ impl StateEstimate {
     }
 
     /// x ← x + K r and its covariance, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the noise. `at`
-    /// belongs to this estimate.
+    /// comes from [`Self::linearised`] of this estimate.
     #[inline(always)]
     pub(crate) fn correct(&mut self, at: &LinearisedMeasurement, residual: f64, noise: f64) -> MeasurementUpdate {
         let weight = 1.0 / (at.variance + noise);

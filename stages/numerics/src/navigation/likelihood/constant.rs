@@ -111,7 +111,7 @@ impl NoiseLikelihood<'_> {
         first
     }
 
-    /// The point with its white noise and its process times these factors, unless they are given.
+    /// The point with its white noise and its process multiplied by these factors; given parameters are unchanged.
     fn quieter(&self, mut point: NoisePoint, factors: [f64; 2]) -> NoisePoint {
         for (at, factor) in factors.into_iter().enumerate().filter(|(at, _)| self.search.given[*at].is_none()) {
             point[at] *= factor;

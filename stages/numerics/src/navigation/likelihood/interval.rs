@@ -1,4 +1,4 @@
-//! Interval of the measurements that a filter uses.
+//! Interval between the measurements that a filter uses.
 //!
 //! White errors average out, so more measurements give a better position. Correlated errors do not: the filter would
 //! count one error many times. More measurements are therefore used only if their innovations are white.

@@ -101,7 +101,7 @@ mod tests {
         };
         assert_eq!(of(10.0), 500);
         let [one, two, three] = [500.0, 1000.0, 2000.0].map(of);
-        // A normal density exceeds one particle per cell within an area that grows faster than the variance.
+        // The area in which a normal density exceeds one particle per cell grows faster than the variance.
         for (wider, narrower) in [(two, one), (three, two)] {
             assert!((3.0..6.0).contains(&(wider as f64 / narrower as f64)), "{one} {two} {three}");
         }

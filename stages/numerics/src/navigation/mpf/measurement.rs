@@ -157,7 +157,7 @@ impl CloudPrediction {
     pub(super) fn weigh<const N: usize>(&mut self, cloud: &ParticleCloud<N>, on_map: f64) -> f64 {
         let mut most = f64::NEG_INFINITY;
         for (logs, likelihoods) in cloud.log_weights.iter().zip(&self.log_likelihoods) {
-            // The maximum of a number and NaN is the number.
+            // `max` of a number and NaN returns the number.
             most = logs.iter().zip(likelihoods).fold(most, |most, (log, likelihood)| most.max(log + likelihood));
         }
         let mut sum = NO_SUMS;
