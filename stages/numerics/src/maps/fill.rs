@@ -75,7 +75,7 @@ pub enum FillError {
     NotReached {
         /// The requested tolerance.
         tolerance: f64,
-        /// The error that was reached.
+        /// The remaining error.
         reached: f64,
         /// The number of iterations.
         iterations: usize,

@@ -152,8 +152,8 @@ pub struct GriddingOptions {
     pub mask_m: Option<f64>,
     /// Cleaning criteria.
     pub clean: CleaningOptions,
-    /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks with larger
-    /// residuals are excluded and the surface is fitted again; zero keeps all.
+    /// Limit of a block's residual, in robust standard deviations of the residuals of the blocks around it. Blocks with
+    /// larger residuals are excluded and the surface is fitted again; zero keeps all.
     pub misfit_sigmas: f64,
     /// Folds of lines for the map of the expected error; `None` computes no such map.
     pub folds: Option<LineFolds>,

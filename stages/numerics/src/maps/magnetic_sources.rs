@@ -95,7 +95,7 @@ impl Prism {
     }
 
     /// Sums over the corners plus `times` π M; `times` is 4 inside the prism and 2 on a face. On a face the sums give
-    /// the mean of both sides; the term 2 π M completes the normal component of the outside.
+    /// the mean of both sides; the term 2 π M gives the normal component its value just outside.
     fn with_own_magnetisation(&self, point_m: EastNorthUp, times: [f64; 3]) -> EastNorthUp {
         let field = self.without_jump(point_m);
         let pi = std::f64::consts::PI;

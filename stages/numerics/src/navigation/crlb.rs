@@ -8,9 +8,9 @@
 //! ```
 //!
 //! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the single path that was flown, without an expectation over
-//! paths. It is written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean
-//! squared error over the draws of noise, except through the nonlinearity of the map within the filter's position
-//! error.
+//! paths. The recursion is written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a
+//! smaller mean squared error over the draws of noise, except through the nonlinearity of the map within the filter's
+//! position error.
 //!
 //! The INS affects the bound only through the velocity, specific force and attitude in F. A measurement affects the
 //! bound only by its presence, not by its value. A measurement that is NaN, or whose sigma is not above 0, adds no

@@ -64,8 +64,8 @@
 //! where v is the map value at each particle's own position, at both ends of the baseline for a difference. The row u
 //! of biases, S and tilt is common: the effect of the tilt is linearised at the mean of the cloud. These measurements
 //! are processed after the field, each after a resampling if too few particles are effective. A measurement weights the
-//! particles by the values of the map, not by its slope, on a flat map as well. [`Aids::flat_over_m`] is therefore
-//! ignored; the map error is a state.
+//! particles by the values of the map and not by its slope, even where the map is flat. [`Aids::flat_over_m`] is
+//! therefore ignored; the map error is a state.
 //!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order, so results are
 //! bit-identical for any number of threads.

@@ -54,9 +54,9 @@ impl Default for DrapeOptions {
 
 /// Map on a drape, computed from the map on a level.
 ///
-/// `drape_m` are the heights of the nodes in the frame of `level_m`, in the order of the map's values. The level is
-/// continued to evenly spaced heights from one transform, and each node is interpolated between them [Cordell 1985;
-/// Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
+/// `drape_m` are the heights of the nodes above the same reference as `level_m`, in the order of the map's values. The
+/// map is continued from the level to evenly spaced heights by one transform, and each node is interpolated between
+/// these heights [Cordell 1985; Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
 /// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::DrapeHeights`],

@@ -23,7 +23,7 @@ pub struct LCurvePoint {
     pub misfit_nt: f64,
     /// The rms of the gradient of the downward-continued map, in nT/m.
     pub roughness_nt_per_m: f64,
-    /// Curvature of the curve of log misfit and log roughness; positive at the corner.
+    /// Curvature of the L-curve in log misfit and log roughness; positive at the corner.
     pub curvature: f64,
 }
 

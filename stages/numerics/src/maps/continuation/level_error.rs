@@ -56,8 +56,8 @@ impl RadialPower {
         self.bins.iter().map(split).collect()
     }
 
-    /// Maximum mean square of white noise that is compatible with the shortest waves of the map, in nT²: the median
-    /// over their bins.
+    /// Upper bound, in nT², of the mean square of white noise, from the shortest waves of the map: the median over
+    /// their bins.
     fn noise_floor(&self) -> f64 {
         let short = |bin: &&WavenumberBin| (NOISE_FROM * self.round_k..=self.round_k).contains(&bin.k);
         let mut all: Vec<f64> = self.bins.iter().filter(short).map(|bin| bin.square / bin.part).collect();

@@ -175,7 +175,7 @@ impl MapTransform {
         self.rows_inverse(buffer, trends[1])
     }
 
-    /// Multiplies a column of the spectrum by a factor, with the symmetry of the spectrum of a real map.
+    /// Multiplies a column of the spectrum by a factor; the result has the symmetry of a real map's spectrum.
     fn multiply(&self, column: &mut [Complex64], index: usize, factor: WavenumberFactor) {
         let k_east = self.k_east(index);
         let rows = column.len();

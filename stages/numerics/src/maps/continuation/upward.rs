@@ -51,7 +51,7 @@ pub struct DownwardContinuation {
     pub alpha_m2: f64,
     /// L-curve, computed even if α is given.
     pub curve: LCurve,
-    /// Regularisation error in nT: the rms of the lower map, continued upward again, minus the map.
+    /// Regularisation error in nT: the rms of the lower map, continued upward again, minus the original map.
     pub regularisation_error_nt: f64,
 }
 

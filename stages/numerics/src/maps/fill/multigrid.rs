@@ -166,7 +166,7 @@ impl MultigridLevel {
         });
     }
 
-    /// Adds the value of each node of the coarser level to its unknown nodes.
+    /// Adds the value of each node of the coarser level to the unknown nodes that this node merges.
     fn prolong(&self, coarse: MultigridFrame, from: &[f64], x: &mut [f64]) {
         self.frame.each_row(x, |row, x| {
             let (from, own) = (coarse.part(from, row / 2, 0, 0), self.own(row));

@@ -7,7 +7,8 @@ use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Number of known nodes kept around the gaps: the reach of two applications of the Laplace operator.
+/// Width, in nodes, of the surroundings of the gaps that are kept: the reach of two applications of the Laplace
+/// operator.
 const RIM: usize = 2;
 
 /// Settings for filling gaps with a smooth surface.

@@ -33,7 +33,7 @@ const CLEAR: f64 = 0.5;
 /// anomalies reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
-/// Side of the blocks over which measurements are averaged for the fit of a layer, as a fraction of its depth.
+/// Side of the blocks over which measurements are averaged for the fit of a layer, as a fraction of the layer's depth.
 const THIN: f64 = 0.25;
 
 /// Field values in nT and their derivatives in nT/m at positions.

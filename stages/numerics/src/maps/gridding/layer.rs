@@ -66,7 +66,7 @@ impl FittedSourceLayer {
         Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
     }
 
-    /// Scales the sources so that a source of strength 1 gives 1 nT at `depth_m` above it.
+    /// Factor that scales the sources, so that a source of strength 1 gives 1 nT at `depth_m` above it.
     pub fn scale(&self) -> f64 {
         self.depth_m * self.depth_m
     }

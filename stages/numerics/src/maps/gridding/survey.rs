@@ -101,9 +101,9 @@ pub struct CleaningOptions {
     /// Outlier limit: maximum distance of a point from the straight line between its neighbours in flight order, in
     /// robust standard deviations of the surroundings; zero keeps all.
     pub sigmas: f64,
-    /// Minimum distance of an outlier from that line, in nT.
+    /// Minimum distance of an outlier from the straight line between its neighbours, in nT.
     pub floor_nt: f64,
-    /// Number of points on either side that form the surroundings.
+    /// Number of points on either side of a point that form its surroundings.
     pub half_window: usize,
     /// Minimum number of points of a line; shorter lines are excluded.
     pub shortest_line: usize,

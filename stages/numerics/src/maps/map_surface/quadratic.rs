@@ -1,8 +1,8 @@
 //! Interpolating quadratic B-spline with even steps and pieces centred on the nodes (MagNav.jl's `quad`).
 //!
-//! Within half a step of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, with t counted from the node. The
-//! spline passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Beyond both ends the spline is linear, with
-//! `c[i] = f[i]` there.
+//! Within half a step of node `i` the spline is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, with t counted from the
+//! node. The spline passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Beyond both ends the spline is
+//! linear, with `c[i] = f[i]` there.
 
 /// Converts every column of a row-major table from node values to spline coefficients.
 pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
@@ -45,7 +45,7 @@ pub(super) fn curvature_weights(t: f64) -> [f64; 4] {
     piece(t, |_| [1.0, -2.0, 1.0])
 }
 
-/// Three weights of the nearer node's piece, placed among the four nodes.
+/// The three weights of the piece centred on the nearer node, placed among the four nodes.
 #[inline(always)]
 fn piece(t: f64, of: impl Fn(f64) -> [f64; 3]) -> [f64; 4] {
     let upper = t >= 0.5;

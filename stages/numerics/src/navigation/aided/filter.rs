@@ -458,7 +458,7 @@ impl<'a> AidedFilter<'a> {
     }
 
     fn vector(&mut self, row: usize, sample: &mut SampleInnovations) -> MeasurementOutcome {
-        // All components are linearised at the state before the first component.
+        // All components are linearised at the state before the update with the first component.
         let components = match self.aids.vector_rows(&self.states, self.line, row, &self.now.x) {
             None => return MeasurementOutcome::Missing,
             Some(None) => return MeasurementOutcome::OffMap,

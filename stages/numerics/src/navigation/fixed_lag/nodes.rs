@@ -87,7 +87,7 @@ pub(super) struct LocalField {
 }
 
 impl FixedLagNode {
-    /// Predicted field of a magnetometer at a state; `None` off the map and without a measurement.
+    /// Predicted field of a magnetometer at a state; `None` off the map or without a measurement.
     pub fn field(
         &self,
         magnetometer: usize,

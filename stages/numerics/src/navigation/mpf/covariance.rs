@@ -120,8 +120,8 @@ pub(super) fn predict<const N: usize>(
     condition_on_position(p)
 }
 
-/// Sums over the corrected particles: weight over innovation variance times 1, times the slope with height, and times
-/// the square of this slope.
+/// Three sums over the corrected particles of the weight divided by the innovation variance, multiplied by 1, by the
+/// slope with height, and by the square of this slope.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InformationSums {
     pub(super) common: f64,
