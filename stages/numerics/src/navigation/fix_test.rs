@@ -93,7 +93,7 @@ struct FixTestChannel {
     coordinates: &'static [usize],
     /// Cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
-    /// Last fix at which the sum was 0 before the fix was added: its sample, and the estimate before the fix.
+    /// Last fix before which the sum was 0: the sample of the fix, and the estimate before the fix.
     calm: Option<(usize, StateEstimate)>,
     /// Number of consecutive fixes during an alarm that agreed with the INS; `None` without an alarm.
     alarm: Option<usize>,

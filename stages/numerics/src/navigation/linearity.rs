@@ -122,7 +122,7 @@ impl<'a> LinearityTest<'a> {
         self.changes(at, cholesky(covariance)).is_some_and(|changes| changes.error_nt <= sigma_nt)
     }
 
-    /// Range for the shape of a covariance and a standard deviation of the noise.
+    /// Range for an error ellipse with the shape of a covariance, and for a standard deviation of the noise.
     fn range(&mut self, at: &PathStart, covariance: [f64; 3], sigma_nt: f64) -> LinearRange {
         let (north_m, east_m) = self.earth.north_east_m_per_rad(at.lat_deg.to_radians(), at.alt_m);
         let [a, b, c] = covariance;

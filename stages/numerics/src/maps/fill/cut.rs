@@ -20,8 +20,8 @@ impl Default for MapLimits {
     }
 }
 
-/// Smallest map that contains every known node, plus up to `pad` rows and columns on each side as far as the map
-/// extends.
+/// Smallest map that contains every known node, plus up to `pad` rows and columns on each side, within the extent of
+/// the map.
 ///
 /// # Errors
 /// Fails if no node is known or the map is invalid.

@@ -36,8 +36,8 @@ impl Default for NearestFill {
 }
 
 /// Replaces each unknown node by the mean of its nearest known nodes, by distance in metres. Among nodes at equal
-/// distance, the southernmost, then the westernmost come first. If there are fewer known nodes than neighbours, all are
-/// used. Results are bit-identical for any number of threads.
+/// distance, the southernmost, then the westernmost come first. If there are fewer known nodes than neighbours, all
+/// known nodes are used. Results are bit-identical for any number of threads.
 ///
 /// # Errors
 /// Fails if the map is invalid or has no known node, or if a parameter is out of its valid range.

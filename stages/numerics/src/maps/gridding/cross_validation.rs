@@ -54,7 +54,8 @@ impl DifferenceStatistics {
 /// Predictions at the points of omitted lines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
-    /// Measured minus predicted at every point, in nT; NaN for points of other lines or without a prediction.
+    /// Measured minus predicted at every point, in nT; NaN for points of lines that were not omitted, or without a
+    /// prediction.
     pub difference_nt: Vec<f64>,
     /// Statistics of the errors.
     pub spread: DifferenceStatistics,

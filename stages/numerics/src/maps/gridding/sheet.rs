@@ -225,7 +225,8 @@ fn step(at: usize, by: i64) -> usize {
     at.saturating_add_signed(by as isize)
 }
 
-/// Update of a node by its datum; the series of the curvature uses the four neighbours on the side away from the datum.
+/// Update of a node by its datum; the expansion of the curvature uses the datum and the four neighbours on the opposite
+/// side.
 fn rule(datum: &GridDatum, tension: f64) -> NodeUpdate {
     let [dx, dy] = datum.offset.map(f64::abs);
     if dx.max(dy) < ON_NODE {

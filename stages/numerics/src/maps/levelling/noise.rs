@@ -3,7 +3,7 @@
 use super::Crossover;
 use crate::regression::statistics::median;
 
-/// The resolution of differences, in nT.
+/// The resolution of differences, in nT: the lower limit of their standard deviation.
 const RESOLUTION_NT: f64 = 0.01;
 /// Reciprocal of the mean absolute value of a normal error with standard deviation 1.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;

@@ -89,7 +89,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         for (state, error) in (STATES..).zip(&layout.errors) {
             p[state][state] = error.sigma * error.sigma;
         }
-        // The particles hold the horizontal position, with the expected other states.
+        // Each particle holds a horizontal position, with the expected values of the other states.
         let spread = condition_on_position(&mut p);
         let draws = ParticleDraws::new(parameters.seed, DrawPurpose::Start, 0);
         let particles = ParticleCount::new(parameters).map_or(parameters.particles, |count| {

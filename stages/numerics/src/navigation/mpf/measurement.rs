@@ -42,7 +42,7 @@ pub(super) struct CloudPrediction {
     inverses: Vec<ParticleLanes>,
     /// Logarithm of the likelihood; not used for particles off the map.
     log_likelihoods: Vec<ParticleLanes>,
-    /// Weights with the likelihoods, before they replace the weights of the cloud.
+    /// Weights multiplied by the likelihoods, before they replace the weights of the cloud.
     weights: Vec<ParticleLanes>,
     log_weights: Vec<ParticleLanes>,
 }
