@@ -86,7 +86,7 @@ pub struct EkfInput<'a> {
 /// matrices. All results are in memory at the same time.
 ///
 /// # Errors
-/// Each result fails with the errors of [`run`].
+/// Each result can be one of the errors of [`run`].
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfInput<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];

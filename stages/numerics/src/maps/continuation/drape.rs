@@ -76,11 +76,11 @@ pub fn level_to_drape(
 
 /// Map on a level, computed from the map on a drape.
 ///
-/// The chessboard method treats the draped map as level and continues it to evenly spaced heights. At each node, it
-/// then interpolates between these heights to the difference between the level and the node's height [Cordell 1985;
-/// MagNav.jl's `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level
-/// below all heights is therefore continued back up to the drape, where the field is known. The difference at the nodes
-/// is added by the same method. A node whose height is more than `down_max_m` above the level is NaN.
+/// The chessboard method treats the draped map as level and continues it to evenly spaced heights. It then interpolates
+/// between these heights: each node gets the value at the level's height above the node [Cordell 1985; MagNav.jl's
+/// `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level below all
+/// heights is therefore continued back up to the drape, where the field is known. The difference at the nodes is added
+/// by the same method. A node whose height is more than `down_max_m` above the level is NaN.
 ///
 /// # Errors
 /// Returns the errors of [`level_to_drape`].

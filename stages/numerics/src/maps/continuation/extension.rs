@@ -44,7 +44,7 @@ pub enum TrendRemoval {
 pub enum PaddingWidth {
     /// At least ten times the continuation distance and at least a tenth of the side, up to [`MOST_PADDING`] nodes.
     OfDistance,
-    /// Minimum number of padding nodes on each side of the `[rows, columns]`.
+    /// Minimum number of padding nodes before and after the map's `[rows, columns]`.
     Nodes([usize; 2]),
     /// No padding: the map is treated as periodic.
     None,

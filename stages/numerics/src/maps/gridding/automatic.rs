@@ -7,8 +7,8 @@ use crate::regression::statistics::median;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Approximate number of points at which the distance to the next line is computed; the real number is below twice
-/// this.
+/// Target number of points at which the distance to the next line is computed; the actual number is below twice the
+/// target.
 const PROBES: usize = 4000;
 
 /// The cosine of 30 degrees.

@@ -4,8 +4,8 @@ use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
 use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
-/// Fractions of the map's slope that are tried first. The best one, multiplied and divided by the factor `FINER`, is
-/// tried next.
+/// Fractions of the map's slope that are tried first. The best fraction, multiplied and divided by `FINER`, is tried
+/// next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
 /// Smallest ratio between the numbers of samples that two compared runs use. A run with fewer used samples has diverged
