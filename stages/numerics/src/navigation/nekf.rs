@@ -1,4 +1,4 @@
-//! Neural covariance: an extended Kalman filter whose noise a recurrent network sets at each sample.
+//! Neural covariance: an extended Kalman filter in which a recurrent network sets the noise at each sample.
 //!
 //! The filter is [`ekf`](crate::navigation::ekf). A long short-term memory layer sets a factor r on the assumed
 //! measurement variance σ², and optionally a factor q on the noise that drives the temporal variation [Gnadt 2022,
@@ -57,7 +57,7 @@ use network::CellState;
 /// Parameters of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NekfParameters {
-    /// Largest NIS of a measurement; `None` uses every measurement.
+    /// Largest NIS of a measurement that is used; `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
@@ -72,7 +72,7 @@ pub struct NekfOutput {
     pub navigation: NavigationOutput,
     /// Factor on the assumed standard deviation of the measurement at each sample.
     pub measurement_factor: Vec<f64>,
-    /// Factor on the standard deviation of the noise that drives the temporal variation, in the step to each sample.
+    /// Factor on the standard deviation of the noise that drives the temporal variation, for the step to each sample.
     pub fogm_factor: Vec<f64>,
     /// Inputs of the network before standardisation, row-major.
     pub inputs: Vec<f64>,
@@ -155,7 +155,7 @@ struct NetworkSource<'a> {
 }
 
 impl NetworkSource<'_> {
-    /// Quantities of the sample before a row.
+    /// Quantities of the sample before `row`.
     fn before(&self, row: usize, output: &NavigationOutput) -> SampleBefore {
         let Some(last) = row.checked_sub(1) else { return SampleBefore::NONE };
         let ins = self.line.ins;

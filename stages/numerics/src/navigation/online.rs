@@ -64,7 +64,7 @@ pub struct OnlineMagnetometer<'a> {
     /// if, the line's `core` is given.
     pub measurement_nt: &'a [f64],
     /// Standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers. A
-    /// measurement with a value that is not above 0 counts as missing.
+    /// measurement whose standard deviation is not above 0 counts as missing.
     pub sigma_nt: &'a [f64],
     /// Terms, row-major, one row per sample and one column per coefficient.
     pub terms: &'a [f64],
@@ -148,9 +148,9 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each
-/// magnetometer. Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of
-/// their range. Also fails for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`]
-/// if a state or variance is not finite or a variance is negative.
+/// magnetometer. Fails with [`NavigationError::Parameter`] for terms, priors and densities whose sizes differ or whose
+/// values are out of range. Also fails for terms that differ from those of the `fluxgate`. Fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &LineModel<'_>,
     magnetometers: &[OnlineMagnetometer<'_>],
@@ -296,7 +296,7 @@ impl<'a> TollesLawson<'a> {
         Ok(())
     }
 
-    /// Terms of a sample at a bias, and the coefficients.
+    /// Aircraft field at a magnetometer, in nT, from the states `c`. Writes the terms of the sample to `terms`.
     #[inline(always)]
     fn field(&mut self, magnetometer: usize, row: usize, c: &[f64], terms: &mut [f64]) -> f64 {
         let OnlineMagnetometer { terms: given, prior, .. } = &self.magnetometers[magnetometer];

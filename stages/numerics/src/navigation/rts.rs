@@ -82,11 +82,11 @@ const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// J per measurement above which a first trajectory is poor; normally distributed residuals give 0.5.
+/// A first trajectory is poor if its J per measurement exceeds this; normally distributed residuals give 0.5.
 const POOR_COST: f64 = 1.0;
 /// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;
-/// Largest step, in standard deviations, that may be the last step if J no longer decreases.
+/// If J no longer decreases, the iteration may end after a step of at most this number of standard deviations.
 const SMALL_STEP_SIGMAS: f64 = 0.5;
 
 /// Parameters of the smoother.
@@ -98,7 +98,7 @@ pub struct RtsParameters {
     pub tolerance_m: f64,
     /// Loss of a residual.
     pub loss: TrajectoryLoss,
-    /// Residual above which a robust loss departs from the square, in standard deviations; `None` is
+    /// Residual, in standard deviations, above which a robust loss is no longer quadratic; `None` is
     /// [`TrajectoryLoss::usual_scale`].
     pub loss_scale: Option<f64>,
     /// Returns the error states of every sample.
@@ -272,7 +272,7 @@ impl<'a> RtsSmoother<'a> {
         let solution = self.pass.run(RtsLinearisation::Filtered(first), &mut self.field)?;
         self.report.passes = 1;
         self.at = self.candidate(&solution, 1.0).trajectory;
-        // One of the allowed passes remains for the best start.
+        // One of the allowed passes is reserved for the best start.
         for start in STARTS.into_iter().skip(1).take(most.saturating_sub(2)) {
             let used = self.at.fields.iter().flatten().count().max(1) as f64;
             if self.cost() < POOR_COST * used {

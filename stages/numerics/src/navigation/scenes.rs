@@ -19,7 +19,7 @@ pub(crate) fn dense(p: &StateMatrix) -> DenseStateMatrix {
     DenseStateMatrix::from_fn(|row, column| p[row][column])
 }
 
-/// Short line and the map; owns the data.
+/// Short line and its map; owns the data.
 #[derive(Clone)]
 pub(crate) struct AnalyticScene {
     pub(crate) columns: [Vec<f64>; 13],
@@ -132,7 +132,7 @@ pub(crate) fn hills(north: f64, east: f64) -> f64 {
     60.0 * (north / 900.0).sin() + 40.0 * (east / 700.0 + north / 1500.0).cos()
 }
 
-/// Seconds that are not evenly spaced.
+/// Times, in seconds, that are not evenly spaced.
 pub(crate) fn uneven(rows: usize) -> Vec<f64> {
     (0..rows).map(|row| 0.9 * row as f64 + 0.4 * (row as f64).sin()).collect()
 }
@@ -201,7 +201,7 @@ impl DenseBatchSmoother {
             columns.push(self.with_measurement(row, &h));
             rows.push((row, h));
         }
-        // In standard deviations of the measurements, which have different units.
+        // The measurements have different units, so each is divided by its standard deviation.
         let n = rows.len();
         for (place, variance) in variances.iter().enumerate() {
             let weight = 1.0 / variance.sqrt();

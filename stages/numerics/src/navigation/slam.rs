@@ -50,22 +50,22 @@
 //!
 //! # Cost
 //!
-//! The prediction of a particle is the elimination of a matrix of 17 rows for any length of the flight. Candidates come
-//! from an index whose cells are full after a few visits. No path is copied: particles share their past in a tree,
-//! which takes 8 bytes per particle and sample until the first resampling and much less after it ([`history`]). In
-//! contrast, a reduced-rank map for each particle (a basis of the region) would have to be copied with the particle,
-//! and its size would be proportional to the region.
+//! The prediction of a particle requires the elimination of a matrix of 17 rows, regardless of the length of the
+//! flight. Candidates come from an index whose cells are full after a few visits. No path is copied: particles share
+//! their past in a tree, which takes 8 bytes per particle and sample until the first resampling and much less after it
+//! ([`history`]). In contrast, a reduced-rank map for each particle (a basis of the region) would have to be copied
+//! with the particle, and its size would be proportional to the region.
 //!
 //! # Limits
 //!
 //! Only the position relative to the earlier path is observed. The error of the first lap therefore remains, unless
 //! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track equals the track of the
-//! INS. Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, the drift
-//! between visits may be some hundreds of metres. After kilometres of drift no particle is near the truth, the standard
-//! deviations are too small, and false revisits shift the track. The innovations do not indicate this, but a value of
-//! [`SlamReport::largest_correction`] above [`IMPLAUSIBLE`] does. It is the largest squared correction over the
-//! covariance of the INS alone (chi-square of 2 degrees of freedom). For an INS of unlimited error, a small value is no
-//! evidence of a correct track.
+//! INS. Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, a drift of
+//! some hundreds of metres between visits is permissible. After kilometres of drift no particle is near the truth, the
+//! standard deviations are too small, and false revisits shift the track. The innovations do not indicate this, but a
+//! value of [`SlamReport::largest_correction`] above [`IMPLAUSIBLE`] does. It is the largest squared correction over
+//! the covariance of the INS alone (chi-square of 2 degrees of freedom). If the error of the INS is unbounded, a small
+//! value is no evidence of a correct track.
 //!
 //! Particles that survive many resamplings share their early path and its error, which their spread does not represent
 //! [Bailey, Nieto & Nebot 2006]. Two measures prevent a covariance of 0. A resampling draws from a kernel density of
@@ -115,8 +115,8 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 
 /// Filters one line.
 ///
-/// With [`SlamParameters::smoother`], track and path are smoothed if [`SlamReport::smoother`] is present. The
-/// innovations are those of the filter.
+/// With [`SlamParameters::smoother`], track and path are those of the smoother if it has a solution, that is, if
+/// [`SlamReport::smoother`] is not `None`. The innovations are always those of the filter.
 ///
 /// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
 /// revisit.
@@ -159,12 +159,12 @@ struct SlamFilter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in metres.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
-    /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. These moments
-    /// have no sampling error from a finite number of draws.
+    /// Moments of a parallel Kalman filter: available with aiding positions, from the start and from each of them until
+    /// the field weights the particles. These moments have no sampling error from a finite number of draws.
     exact: Option<SlamMoments>,
     /// Covariance of the INS alone.
     alone: StateMatrix,
-    /// Samples of the map rejected by the gate.
+    /// For each sample of the map, whether the gate rejected it.
     gated: Vec<bool>,
     out: SlamOutput,
 }
@@ -222,7 +222,7 @@ impl<'a> SlamFilter<'a> {
         }
     }
 
-    /// Processes one step: the rows up to the last row of the step, the particles, and their weights.
+    /// Processes one step: propagates to the last row of the step and weights the particles.
     fn advance(&mut self, step: usize) -> Result<(), NavigationError> {
         let last = self.ends[step];
         if step > 0 {
@@ -454,7 +454,7 @@ impl<'a> SlamFilter<'a> {
     }
 }
 
-/// Kernel, whether it was fitted, and the mean distance (m) and speed (m/s) of the samples.
+/// Kernel, whether it was fitted, the mean distance between samples (m) and the mean speed (m/s).
 fn kernel_of(
     parameters: &SlamParameters,
     samples: &[Option<SlamSample>],

@@ -13,7 +13,7 @@
 //! | at the time of the last one (duplicate) | [`StreamError::Duplicate`] |
 //! | before the last one (late) | [`StreamError::Late`] |
 //! | an INS value that is not finite, or a latitude at a pole | [`StreamError::NotFinite`], [`StreamError::Latitude`] |
-//! | another number of measurements, sigmas or terms than the filter has | [`StreamError::Count`] |
+//! | a number of measurements, sigmas or terms that differs from the filter's | [`StreamError::Count`] |
 //! | a measurement that is NaN, or whose sigma is not above 0 | counts as missing; the step is made |
 //! | a term that is not finite | the magnetometer counts as missing |
 //! | a position off the map | no measurement of the field is used |
@@ -130,7 +130,7 @@ pub struct StreamSetup {
 }
 
 impl StreamSetup {
-    /// Set-up of a map, with defaults.
+    /// Set-up with this map and the default of every other field.
     pub fn new(map: Arc<FieldMap>) -> Self {
         let errors = InsErrorModel::default();
         Self { map, core: None, errors, second_order: false, offset_window_s: 0.0, max_gap_s: 10.0 }
@@ -357,13 +357,13 @@ impl FilterStream {
         self.kind.filter().magnetometer(place)
     }
 
-    /// Coefficients of all magnetometers after the last sample, and their standard deviations; empty unless the filter
-    /// estimates coefficients, and where [`FilterStream::estimate`] is `None`.
+    /// Coefficients of all magnetometers after the last sample, and their standard deviations; empty if the filter does
+    /// not estimate coefficients or if [`FilterStream::estimate`] is `None`.
     pub fn coefficients(&self) -> (&[f64], &[f64]) {
         self.kind.filter().coefficients()
     }
 
-    /// Use of the samples so far.
+    /// Report on the use of the samples so far.
     pub fn report(&self) -> NavigationReport {
         self.output().report
     }
@@ -396,7 +396,8 @@ impl FilterStream {
         Ok(())
     }
 
-    /// Visits the whole state. Returns the visited field at the last position, in nT.
+    /// Visits the whole state. Returns the field at the last position after the visit, in nT: the stored field if the
+    /// visitor reads a saved state.
     fn visit(&mut self, state: &mut dyn StateVisitor) -> f64 {
         let mut field_nt = self.field_nt();
         self.window.iter_mut().for_each(|pair| state.numbers(pair));

@@ -1,4 +1,4 @@
-//! Resampling: systematic, from the particles or from their kernel density.
+//! Systematic resampling from the particles or from their kernel density.
 
 use crate::navigation::pinson::{LAT, LON};
 
@@ -18,7 +18,7 @@ pub(super) struct ParticleResampling {
     pub(super) smooth_over_m: f64,
     /// Metres per radian of latitude and of longitude.
     pub(super) m_per_rad: [f64; 2],
-    /// Number of particles; `None` keeps the number.
+    /// Number of particles after the resampling; `None` keeps the present number.
     pub(super) count: Option<ParticleCount>,
 }
 
@@ -33,8 +33,8 @@ pub(super) struct ParticleResampler<const N: usize> {
 }
 
 impl<const N: usize> ParticleResampler<N> {
-    /// Draws particles with probabilities equal to the weights, and sets equal weights. `p` is the common covariance,
-    /// to which a kernel adds the part of the linear states.
+    /// Draws particles with probabilities equal to the weights, then makes all weights equal. With kernels, adds the
+    /// covariance of the linear states' kernels to the common covariance `p`.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -78,7 +78,7 @@ impl<const N: usize> ParticleResampler<N> {
         }
     }
 
-    /// Kernels: of the position by cell, and of the linear states by mode.
+    /// Kernels of the position, one per cell, and of the linear states, one per mode.
     fn kernels(
         &mut self,
         how: ParticleResampling,
@@ -163,7 +163,7 @@ impl PositionKernel {
     }
 }
 
-/// Kernel of the linear states in one mode, which is not drawn but added to the common covariance.
+/// Kernel of the linear states in one mode. It is not drawn from: its covariance is added to the common covariance.
 struct LinearKernel<const N: usize> {
     weight: f64,
     mean: [f64; N],
@@ -222,8 +222,8 @@ pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -
     [block[LAT][lane], block[LON][lane]]
 }
 
-/// Systematic resampling of N = `count` particles with one uniform random number: selects the particle whose part of
-/// the cumulative weight contains (k + u)/N. [Kitagawa 1996]
+/// Systematic resampling of N = `count` particles with one uniform random number: draw k selects the particle whose
+/// interval of the cumulative weight contains (k + u)/N. [Kitagawa 1996]
 fn systematic(weights: &[f64], count: usize, uniform: f64, ancestors: &mut Vec<u32>) {
     ancestors.clear();
     let sum: f64 = weights.iter().sum();
@@ -238,7 +238,8 @@ fn systematic(weights: &[f64], count: usize, uniform: f64, ancestors: &mut Vec<u
     }
 }
 
-/// Adds independent normals to the position, per axis, of `factor` times the range over the root of the number.
+/// Adds independent normal noise to the positions. Its standard deviation on each axis is `factor` times the range of
+/// the particles, divided by the square root of their number.
 fn roughen<const N: usize>(cloud: &mut ParticleCloud<N>, factor: f64, draws: ParticleDraws) {
     let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 2];
     for index in 0..cloud.particles {

@@ -37,7 +37,7 @@ pub(super) struct SampleTape {
     /// Variance of the temporal variation that the step adds, in nT².
     fogm_nt2: f64,
     fixes: Vec<UpdateTape>,
-    /// Update with the measurement, and the scaled R without the curvature of the map, in nT².
+    /// Update with the measurement, and the scaled R in nT², without the variance due to the curvature of the map.
     measured: Option<(UpdateTape, f64)>,
     position: Option<PositionTape>,
 }
@@ -49,7 +49,7 @@ pub(super) struct LossSum {
     pub(super) terms: usize,
 }
 
-/// Filter and network between two windows of a line.
+/// State of filter and network between two windows of a line.
 pub(super) struct LineCourse<'a> {
     pub(super) inputs: InputSource<'a>,
     training: &'a TrainingLine<'a>,
@@ -64,7 +64,7 @@ pub(super) struct LineCourse<'a> {
 }
 
 impl<'a> LineCourse<'a> {
-    /// Filter and network before the first sample.
+    /// State before the first sample.
     pub(super) fn new(training: &'a TrainingLine<'a>, network: &NoiseNetwork) -> Self {
         let line = &training.line;
         let mut field = line.predicted();
@@ -135,7 +135,8 @@ impl<'a> LineCourse<'a> {
         Ok(SampleTape { row, cell, fogm_nt2, fixes, measured, position })
     }
 
-    /// Time update with a scale of the noise of the temporal variation. Returns the scaled variance that it adds.
+    /// Time update that multiplies the noise of the temporal variation by `scale`. Returns the variance that this noise
+    /// adds, in nT².
     fn step(&mut self, row: usize, scale: f64) -> f64 {
         let step = self.model.transition(self.line.ins, row);
         let StateEstimate { x, p } = &mut self.estimate;
@@ -161,7 +162,7 @@ impl<'a> LineCourse<'a> {
         UpdateTape { h, ph: at.ph, residual, variance: at.variance + variance }
     }
 
-    /// Update with the measurement of a row, whose assumed variance is scaled.
+    /// Update with the measurement of a row, with its assumed variance multiplied by `scale`.
     fn measure(&mut self, row: usize, scale: f64) -> Option<(UpdateTape, f64)> {
         self.before.innovation = Innovation::NONE;
         let (measured_nt, assumed_nt2) = self.line.measured(row, self.offset_nt)?;

@@ -46,7 +46,7 @@ pub(super) struct InputSource<'a> {
     /// Further inputs, row-major.
     further: &'a [f64],
     width: usize,
-    /// Inputs of all rows that replace the computed inputs, for tests.
+    /// For tests: inputs of all rows, used instead of the computed inputs.
     #[cfg(test)]
     pub(super) frozen: Option<Vec<f64>>,
 }

@@ -30,7 +30,7 @@ impl NetworkNoise {
         }
     }
 
-    /// Output that sets R, and output that sets Q.
+    /// Indices of the output that sets R and of the output that sets Q.
     fn places(self) -> [Option<usize>; 2] {
         match self {
             Self::R => [Some(0), None],
@@ -44,7 +44,7 @@ impl NetworkNoise {
 const LARGEST_INPUT: f64 = 5.0;
 /// Number of gates: input, forget, candidate and output.
 const GATES: usize = 4;
-/// Place of the forget gate.
+/// Index of the forget gate.
 const FORGET: usize = 1;
 
 /// Network that scales the noise of a filter from sample to sample. Let f be the inputs, standardised and limited to 5
@@ -56,8 +56,9 @@ const FORGET: usize = 1;
 /// c ← j c + i g              h ← o tanh c               ln scale = 2 ln(limit) tanh(V h + a)
 /// ```
 ///
-/// The scale multiplies a variance. The weights are one vector. It holds, for each gate (input i, forget j, candidate
-/// g, output o) and each unit, a row of W, a row of U and b. Then it holds, for each output, a row of V and a.
+/// The scale multiplies a variance. The weights are one vector. For each gate (input i, forget j, candidate g, output
+/// o) and each unit, the vector holds a row of W, a row of U and an entry of b. For each output, a row of V and an
+/// entry of a follow.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseNetwork {
     /// Noise that the network sets.
@@ -108,8 +109,9 @@ impl CellAdjoint {
 }
 
 impl NoiseNetwork {
-    /// Network without an effect: inputs that are not yet standardised, weights of the gates drawn from a seed with the
-    /// variance 1/(inputs + units), biases 0 except 1 of the forget gate, and outputs of 0.
+    /// Network without an effect, because its outputs are 0. The inputs are not yet standardised. The weights of the
+    /// gates are drawn from a seed with the variance 1/(inputs + units); their biases are 1 for the forget gate and 0
+    /// for the others.
     pub fn initial(noise: NetworkNoise, inputs: usize, hidden: usize, limit: f64, seed: u64) -> Self {
         let (mean, inverse_deviation) = (vec![0.0; inputs], vec![0.0; inputs]);
         let (mut normals, sigma) = (NormalGenerator::new(seed), ((inputs + hidden) as f64).sqrt().recip());
@@ -168,7 +170,7 @@ impl NoiseNetwork {
         CellState { hidden: vec![0.0; self.hidden], memory: vec![0.0; self.hidden] }
     }
 
-    /// Standardised inputs. An input that is not finite is replaced by its mean.
+    /// Standardised inputs. An input that is not finite is replaced by the mean of this input.
     fn standardised(&self, inputs: &[f64]) -> Vec<f64> {
         let of = |(x, (mean, inverse)): (&f64, (&f64, &f64))| {
             let scaled = (x - mean) * inverse;
@@ -204,9 +206,9 @@ impl NoiseNetwork {
         self.noise.places().map(|place| place.map_or(0.0, |place| bound * tape.bounded[place]))
     }
 
-    /// Propagates derivatives back through a sample. `d_logs` are the derivatives with respect to its log scales.
-    /// `adjoint` holds the derivatives with respect to the state after the sample, and is replaced by those for the
-    /// state before it. Adds the derivatives of the weights to `gradient`.
+    /// Propagates derivatives back through a sample. `d_logs` are the derivatives with respect to the log scales of the
+    /// sample. `adjoint` initially holds the derivatives with respect to the state after the sample, and finally those
+    /// with respect to the state before it. Adds the derivatives of the weights to `gradient`.
     pub(super) fn back(&self, tape: &CellTape, d_logs: [f64; 2], adjoint: &mut CellAdjoint, gradient: &mut [f64]) {
         let (units, row) = (self.hidden, self.row());
         let (d_gates, d_outputs) = gradient.split_at_mut(GATES * units * row);

@@ -106,8 +106,9 @@ const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`] and
 /// [`StateEstimate::check`](crate::navigation::NavigationError::Diverged). Also fails with
-/// [`NavigationError::Parameter`] without lines. Also fails for further inputs that are not finite or of another size,
-/// for fewer than 100 samples with a loss, or for a loss that is not finite, and with the error of `progress`.
+/// [`NavigationError::Parameter`] if there are no lines. Also fails for further inputs that are not finite or of
+/// another size, for fewer than 100 samples with a loss, or for a loss that is not finite. An error of `progress` is
+/// returned.
 pub fn train<E: From<NavigationError>>(
     lines: &[TrainingLine<'_>],
     parameters: &NoiseTraining,

@@ -1,4 +1,4 @@
-//! Extended Kalman filter of the 18 states and the further states of a model of the aircraft field.
+//! Extended Kalman filter with the 18 states and the states of a model of the aircraft field (the further states).
 //!
 //! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c). m is the model's field as a
 //! function of the further states c. All magnetometers of a sample are linearised at the predicted state and processed
@@ -43,8 +43,8 @@ pub struct LineModel<'a> {
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements in addition to the magnetometers, which are processed after the magnetometers. Where the map is too
-    /// flat, a magnetometer corrects only the temporal variation, the map error and the aircraft field.
+    /// Further measurements, processed after the magnetometers. Where the map is too flat, a magnetometer corrects only
+    /// the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
     /// Same as [`NavigationLine::second_order`].
     pub second_order: bool,
@@ -176,14 +176,14 @@ impl ExtraStates {
         for (place, error) in aids.errors.iter().enumerate() {
             all.covariance[(own + place) * (count + 1)] = error.sigma * error.sigma;
             all.mean.push(0.0);
-            // The time constant of states with a correlation length is known only at each step.
+            // The time constant of a state with a correlation length is infinite here and is computed at each step.
             all.density.push(if error.tau_s.is_finite() { error.noise_density() } else { 0.0 });
             all.tau_s.push(error.tau_s);
         }
         all
     }
 
-    /// Decay factor of each state's deviation from its mean over a step, and the added variance.
+    /// Decay factor, over a step, of each state's deviation from its mean, and the variance that the step adds.
     #[inline(always)]
     fn step(&self, dt_s: f64, decay: &mut [f64], noise: &mut [f64]) {
         for (state, (decay, noise)) in decay.iter_mut().zip(noise).enumerate() {
@@ -282,7 +282,7 @@ pub(crate) fn run<M: AircraftFieldModel>(
     pulp::Arch::new().dispatch(AugmentedFilterRun { filter, line, magnetometers: readings })
 }
 
-/// Rejects invalid states, no magnetometer, and an invalid gate.
+/// Fails for invalid states, an empty list of magnetometers, or an invalid gate.
 fn check(states: &ExtraStates, magnetometers: usize, parameters: &OnlineParameters) -> Result<(), ParameterError> {
     states.check()?;
     if magnetometers == 0 {

@@ -20,7 +20,7 @@ use super::augmented::refused;
 /// and keeps |V| constant.)
 #[derive(Clone, Copy, Debug)]
 pub struct Fluxgate<'a> {
-    /// Components of the vector in the body frame, in nT, without a scalar (`bt`).
+    /// Components of the vector in the body frame, in nT; the scalar reading `bt` must be `None`.
     pub field: BodyFieldColumns<'a>,
     /// Selection of the terms. The first columns of every magnetometer's terms must be identical to these terms.
     pub terms: &'a TermSelection,
@@ -76,7 +76,8 @@ pub(crate) struct FluxgateTerms<'a> {
     change: Vec<f64>,
 }
 
-/// Vector-magnetometer reading of a row: direction, components and norm in nT, and its change divided by the scale.
+/// Vector-magnetometer reading of a row: direction, components and norm in nT, and the change of the reading divided by
+/// the scale.
 #[derive(Clone, Copy)]
 struct FluxgateVector {
     u: [f64; 3],
@@ -86,7 +87,8 @@ struct FluxgateVector {
 }
 
 impl<'a> FluxgateTerms<'a> {
-    /// Fails if a scalar is among the regressors. Also returns the errors of [`matrix_in_runs`].
+    /// Fails if the terms use the reading of a scalar magnetometer (`bt`). Also returns the errors of
+    /// [`matrix_in_runs`].
     pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
         let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
         if field.bt.is_some() {

@@ -42,9 +42,9 @@ impl CoefficientPrior {
 /// P = f (1 + 1/m) ((1 − λ) S + λ diag S)
 /// ```
 ///
-/// - λ is the shrinkage of Schäfer & Strimmer 2005 (that of Ledoit and Wolf, for correlations and a diagonal target),
-///   at least 1/m. The matrix is therefore positive even with fewer calibrations than terms. For two or three
-///   calibrations, whose correlations are due to chance, λ is 1;
+/// - λ is the shrinkage intensity of Schäfer & Strimmer 2005 (the method of Ledoit and Wolf, applied to correlations
+///   with a diagonal target), at least 1/m. The matrix is therefore positive even with fewer calibrations than terms.
+///   For two or three calibrations, whose correlations are due to chance, λ is 1;
 /// - 1 + 1/m accounts for the error of the mean, and f = ν/(ν − 2) with ν = m − 1 for the error of the variances. The
 ///   next coefficient divided by its standard deviation then has a variance of 1, with Student's t distribution. For
 ///   two to four calibrations f = 3.
@@ -163,8 +163,8 @@ impl Default for ColdStart {
 }
 
 impl ColdStart {
-    /// Prior of the terms of a matrix for a line sampled every `dt_s`. The terms use changes per sample, so their
-    /// coefficients are proportional to the sample rate.
+    /// Prior of the coefficients of a matrix of terms, for a line sampled every `dt_s`. The terms use changes per
+    /// sample, so their coefficients are proportional to the sample rate.
     ///
     /// # Errors
     /// Fails for standard deviations below 0 and a `dt_s` that is not above 0.

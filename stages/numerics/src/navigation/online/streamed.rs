@@ -20,7 +20,7 @@ pub struct StreamMagnetometer<'a> {
     pub walk_density: &'a [f64],
 }
 
-/// Magnetometer of a line without its columns.
+/// Magnetometer of a line, with empty columns.
 fn without_columns<'a>(magnetometer: &StreamMagnetometer<'a>) -> OnlineMagnetometer<'a> {
     let StreamMagnetometer { prior, walk_density } = *magnetometer;
     OnlineMagnetometer { measurement_nt: &[], sigma_nt: &[], terms: &[], prior, walk_density }
@@ -64,7 +64,7 @@ impl StreamedOnline {
     /// Filter of magnetometers.
     ///
     /// # Errors
-    /// Returns the errors of [`run`](super::run) for its priors, densities and gate.
+    /// Returns the errors that [`run`](super::run) returns for priors, densities and gate.
     pub(crate) fn new(
         map: Arc<FieldMap>,
         field: PredictedField<'static>,

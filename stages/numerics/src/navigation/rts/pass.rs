@@ -264,7 +264,7 @@ impl<'a> SmootherPass<'a> {
 }
 
 impl LinearMeasurement {
-    /// Measurement, linearised at measured states and the field at these states.
+    /// Measurement, linearised at the measured states `at` and the field at these states.
     #[inline(always)]
     fn new(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
         let h = Sensitivity::from_field(field);

@@ -15,11 +15,11 @@ const MOST_IN_CELL: usize = 4;
 const MOST_CANDIDATES: usize = 512;
 /// Number of particles from which the spread for the selection of candidates is estimated.
 const SCOUTS: usize = 64;
-/// Distance flown, in radii, after which a sample counts as an earlier sample. The value also suffices for particles
-/// that fly at half the speed.
+/// A sample counts as an earlier sample after this distance has been flown, in radii. The value also suffices for
+/// particles that fly at half the speed.
 const RADII_FLOWN: f64 = 2.5;
-/// Number of standard deviations of the particles' positions from their mean. All samples within the radius of any
-/// particle up to this distance are candidates.
+/// Samples are candidates if they are within the radius of any position up to this number of standard deviations from
+/// the mean of the particles.
 const SPREADS: f64 = 3.0;
 
 /// Rules of the expected measurement, with all defaults resolved.
@@ -39,9 +39,9 @@ pub struct PredictionRules {
     pub ignore_s: f64,
     /// Radius, in metres, within which more than `trigger_points` samples count as a revisit.
     pub trigger_m: f64,
-    /// Number of samples that a revisit exceeds; see `trigger_m`.
+    /// A revisit requires more than this number of samples within `trigger_m`.
     pub trigger_points: usize,
-    /// Radius of the samples of a prediction, in metres.
+    /// Radius, in metres, within which samples are used for a prediction.
     pub radius_m: f64,
     /// Size of the cells of the index, in metres.
     pub cell_m: f64,
@@ -282,7 +282,7 @@ struct NeighbourSet {
 }
 
 impl ParticleView<'_> {
-    /// Nearest candidates within the radius, and the number within the trigger radius.
+    /// Nearest candidates within the radius, and the number of candidates within the trigger radius.
     fn nearest(&self, old: &[EarlierSample<'_>]) -> (NeighbourSet, usize) {
         let mut chosen = NeighbourSet { members: [(0.0, [0.0; 2], 0); MOST_NEIGHBOURS], count: 0 };
         let (mut reach, trigger) = (self.rules.radius_m.powi(2), self.rules.trigger_m.powi(2));
@@ -373,7 +373,7 @@ impl ParticleView<'_> {
         self.field(&samples[..chosen.count], (0.0, 1.0), 0.0)
     }
 
-    /// Prediction by inverse squared distance; at a sample, the value of the sample.
+    /// Prediction weighted by the inverse squared distance; at the position of a sample, the value of this sample.
     fn interpolated(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> KrigingPrediction {
         let (mut sum, mut weights) = (0.0, 0.0);
         for (distance2, _, place) in chosen.iter() {
@@ -400,7 +400,7 @@ impl NeighbourSet {
         self.members[..self.count].iter()
     }
 
-    /// Inserts by distance, up to a maximum number.
+    /// Inserts a member in the order of distance, and keeps the `most` nearest members.
     #[inline(always)]
     fn insert(&mut self, member: (f64, [f64; 2], u32), most: usize) {
         let mut place = self.count.min(most - 1);

@@ -2,7 +2,7 @@
 //!
 //! A generation is the interval between two resamplings. For each of its particles with a living descendant it stores
 //! the displacement at each sample; such a particle is a *slot*. The history also stores, for each present particle,
-//! the slot of its ancestor. Any earlier position of a particle therefore takes two look-ups. Resampling maps the
+//! the slot of its ancestor. Two look-ups therefore give any earlier position of a particle. Resampling maps the
 //! ancestors and drops the slots without descendants. Of two neighbouring generations, the older divides the present
 //! particles into coarser families than the younger; if the families are equal, the two are merged. The number of
 //! generations therefore never exceeds the number of particles. Where all particles have one ancestor, a single
@@ -17,7 +17,7 @@ pub type Displacement = [f32; 2];
 struct ParticleGeneration {
     /// Samples of the generation.
     samples: Range<usize>,
-    /// Number of particles of the generation with descendants.
+    /// Number of particles of the generation that have living descendants.
     slots: usize,
     /// One displacement per sample and slot, by samples.
     displacements: Vec<Displacement>,
@@ -31,7 +31,7 @@ pub struct ParticleHistory {
     particles: usize,
     generations: Vec<ParticleGeneration>,
     samples: usize,
-    /// Whether the last generation accepts samples: the generation has not been resampled.
+    /// Whether the last generation accepts samples, that is, has not been resampled.
     open: bool,
 }
 

@@ -49,7 +49,8 @@ impl AnomalyKernel {
     /// Rejects an invalid kernel.
     ///
     /// # Errors
-    /// Fails for a standard deviation of the process or a length not above 0, or a negative or missing noise.
+    /// Fails if the standard deviation of the process or the length is not above 0, or if the noise is negative or not
+    /// finite.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("sigma_se_nt", self.sigma_se_nt, Rule::Positive)?;
         require("length_m", self.length_m, Rule::Positive)?;
@@ -135,7 +136,7 @@ pub(super) struct DistanceDerivatives {
 pub struct KrigingPrediction {
     /// Mean, in nT.
     pub value_nt: f64,
-    /// Variance of the field there, without measurement noise, in nT².
+    /// Variance of the field at the point, without measurement noise, in nT².
     pub variance_nt2: f64,
 }
 

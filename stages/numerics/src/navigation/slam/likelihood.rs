@@ -16,12 +16,12 @@ pub(super) fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) ->
     Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
 }
 
-/// Logarithms of the weights' factors. A particle without a prediction has the mean factor of the particles with a
-/// prediction. [Lee 2019, algorithm 3, line 5]
+/// Logarithms of the factors by which the weights are multiplied. A particle without a prediction has the mean factor
+/// of the particles with a prediction. [Lee 2019, algorithm 3, line 5]
 pub(super) fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
     let of = |prediction: &ParticlePrediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),
-        // (76) is not normalised by the variance.
+        // The likelihood (76) is not normalised by the variance.
         ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => {
             -0.5 * prediction.residual_nt * prediction.residual_nt / prediction.variance_nt2
         }

@@ -14,7 +14,7 @@ pub struct SlamReport {
     /// Hyper-parameters of the filter.
     pub kernel: AnomalyKernel,
     /// Whether the hyper-parameters were fitted. False after a requested fit means that the first part of the flight
-    /// has too few or constant measurements; the given hyper-parameters were then used.
+    /// has too few measurements, or that they are constant; the given hyper-parameters were then used.
     pub fitted: bool,
     /// Number of steps in which some particles revisited, and all particles were therefore weighted.
     pub revisits: usize,
@@ -50,7 +50,7 @@ pub struct SlamOutput {
     pub report: SlamReport,
 }
 
-/// Measurement, at the position that the particles give at the end of the flight.
+/// Measurement, at its position as estimated by the particles at the end of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
     /// Row of the sample in the line: the last row of its step.

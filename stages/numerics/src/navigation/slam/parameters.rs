@@ -63,7 +63,7 @@ pub struct SlamParameters {
     /// `trigger_points` earlier samples are within it. `None` is the larger of 18 m and 1.6 times the mean distance
     /// between samples.
     pub trigger_radius_m: Option<f64>,
-    /// Number of earlier samples that a revisit exceeds; see `trigger_radius_m`.
+    /// A revisit requires more than this number of earlier samples within `trigger_radius_m`.
     pub trigger_points: usize,
     /// Radius of the earlier samples in a prediction, in metres; `None` is half a length of the kernel, but at most 0.4
     /// of the distance flown in `ignore_s`.
@@ -73,12 +73,12 @@ pub struct SlamParameters {
     pub max_height_difference_m: f64,
     /// Standard deviation of an inverse-distance-weighted prediction, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
-    /// The particles are resampled if their effective number, as a fraction of all particles, is below this. [Lee 2019,
-    /// (77)]
+    /// The particles are resampled if their effective number, as a fraction of all particles, is below this value. [Lee
+    /// 2019, (77)]
     pub resample_below: f64,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Returns the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
+    /// Returns the most probable track of the whole flight in place of the filter's track; see [`super::smoother`].
     pub smoother: Option<SlamSmootherParameters>,
     /// Returns the error states of every sample.
     pub keep_states: bool,

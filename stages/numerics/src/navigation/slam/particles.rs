@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// Number of particles per parallel task.
 pub(super) const PIECE: usize = 64;
 
-/// The second pivot is treated as rounding error if its ratio to the variance of its state is below this. The two
+/// The second pivot is treated as rounding error if its ratio to the variance of its state is below this value. The two
 /// position errors are then collinear.
 const DEPENDENT: f64 = 1e-14;
 

@@ -5,10 +5,10 @@
 //! measurements are relative to the particles' own paths, whose variance decreases in the same way. The lost variance
 //! is therefore stored, for the present states and at up to 64 samples of the flight. A resampling adds to each of
 //! these the local covariance of the particles times Σw²/(1 − Σw²). A revisit reduces the variance of the particles by
-//! a fraction κ. The same fraction of the present lost variance is then replaced by that of the revisited samples. (1 −
-//! κ) A + κ B is an upper bound for the covariance of such a mixture of two errors with covariances A and B and any
-//! correlation. The lost variance is an expectation over seeds, not the loss of one run, and it excludes errors of the
-//! likelihood.
+//! a fraction κ. The same fraction of the present lost variance is then replaced by the lost variance of the revisited
+//! samples. (1 − κ) A + κ B is an upper bound for the covariance of such a mixture of two errors with covariances A and
+//! B and any correlation. The lost variance is an expectation over seeds, not the loss of one run, and it excludes
+//! errors of the likelihood.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 
@@ -16,7 +16,7 @@ use super::history::ParticleHistory;
 
 /// Maximum number of samples of the flight for which the lost variance is stored.
 const MOST_MARKS: usize = 64;
-/// Maximum number of compared map samples for which the lost variance is looked up.
+/// Maximum number of revisited map samples for which the lost variance is looked up.
 const LOOKED_AT: usize = 32;
 /// Widest kernel, in standard deviations, as in the marginalised particle filter with a map.
 const WIDEST: f64 = 0.7;

@@ -17,8 +17,8 @@ pub struct SlamLine<'a> {
     /// Measured field at each sample, in nT; NaN if missing. The measurement contains the core field if, and only if,
     /// `core` is given.
     pub measurement_nt: &'a [f64],
-    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
-    /// counts as missing.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement whose standard deviation is not
+    /// above 0 counts as missing.
     pub sigma_nt: &'a [f64],
     /// Core field. The subtraction only removes the slope of the field, so that the process is a better model of the
     /// anomaly.

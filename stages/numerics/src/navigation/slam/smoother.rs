@@ -35,13 +35,13 @@
 //! Aiding positions are measurements of δ, which add a quadratic form in u. With a gate, the measurements that the
 //! filter rejected are skipped; outliers of the leave-one-out residuals are also removed, once.
 //!
-//! J may have several optima. Three searches with half of the measurements are compared for the lowest J. The first
-//! starts from the path of the filter (the mean of the particles' histories). The second starts from the same path with
-//! a large white part of the kernel, which widens the valleys of J and is reduced during the fit. The third starts from
-//! the INS, which is initially exact, and adds the flight part by part, so that each part is predicted from the earlier
-//! parts. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
-//! more searches are made with smaller parts or wider valleys. The best search is continued with all measurements. The
-//! result is used only if it is more probable than the path of the filter.
+//! J may have several optima. Three searches with half of the measurements are made, and the search with the lowest J
+//! is selected. The first starts from the path of the filter (the mean of the particles' histories). The second starts
+//! from the same path with a large white part of the kernel, which widens the valleys of J and is reduced during the
+//! fit. The third starts from the INS, which is initially exact, and adds the flight part by part, so that each part is
+//! predicted from the earlier parts. If the measurements of revisits contradict each other on the best track
+//! ([`evidence`](mod@evidence)), four more searches are made with smaller parts or wider valleys. The best search is
+//! continued with all measurements. The result is used only if it is more probable than the path of the filter.
 //!
 //! # Cost
 //!
@@ -157,7 +157,7 @@ pub(super) struct SlamFilterResult<'a> {
     pub(super) ends: &'a [usize],
     pub(super) frame: LocalFrame,
     pub(super) kernel: AnomalyKernel,
-    /// Whether the kernel was fitted, and is fitted further.
+    /// Whether the kernel was fitted in the filter; if so, the smoother continues the fit.
     pub(super) fits: bool,
     /// Largest squared leave-one-out residual of a measurement over its variance; measurements with larger values are
     /// rejected.
@@ -219,8 +219,8 @@ impl SlamTrack {
         Ok(Some(Self { weights, motion, functions, root, report }))
     }
 
-    /// Factors of the position covariance at a step, north and east: functions times the factor of the weights'
-    /// covariance.
+    /// Factors of the position covariance at a step, north and east: the basis functions times the factor of the
+    /// weights' covariance.
     fn factors(&self, step: usize) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let b = self.functions.at(step, axis);
@@ -369,8 +369,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(found.unwrap_or(SlamSearchStart { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// Search from a start to its optimum. If the kernel is not fitted, a kernel that differs from the given kernel is
-    /// used only in the first search.
+    /// Search from a start to its optimum. If the kernel is not fitted and `kernel` differs from the given kernel,
+    /// `kernel` is used only in a first search, and a second search uses the given kernel.
     fn settled<'p>(
         &'p self,
         problem: &'p SlamProblem,

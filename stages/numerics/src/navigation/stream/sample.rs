@@ -71,8 +71,8 @@ pub struct StreamSample<'a> {
     /// Field of each magnetometer, in nT; NaN if missing. The measurement contains the core field if, and only if, the
     /// filter has one.
     pub measurement_nt: &'a [f64],
-    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
-    /// counts as missing.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement whose standard deviation is not
+    /// above 0 counts as missing.
     pub sigma_nt: &'a [f64],
     /// Terms of each magnetometer in turn, in the order of the coefficients; empty unless the filter estimates
     /// coefficients.
@@ -124,16 +124,16 @@ impl StreamEstimate {
     }
 }
 
-/// Quantities of one magnetometer at a sample; NaN where the filter does not have them.
+/// Quantities of one magnetometer at a sample; NaN for quantities that the filter does not compute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MagnetometerEstimate {
-    /// Estimated standard deviation of the noise, in nT, of `ekf_adaptive`.
+    /// Estimated standard deviation of the noise, in nT; `ekf_adaptive` only.
     pub sigma_nt: f64,
-    /// Measurement minus prediction before the sample, in nT, of `ekf_online_tl`.
+    /// Measurement minus prediction before the sample, in nT; `ekf_online_tl` only.
     pub residual_nt: f64,
-    /// NIS given the previous magnetometers, of `ekf_online_tl`.
+    /// NIS given the previous magnetometers; `ekf_online_tl` only.
     pub nis: f64,
-    /// Aircraft field after the sample, in nT, of `ekf_online_tl`.
+    /// Aircraft field after the sample, in nT; `ekf_online_tl` only.
     pub aircraft_nt: f64,
 }
 
@@ -243,7 +243,7 @@ pub(crate) trait StreamedFilter {
     /// stream, row 1 any later sample. [`StreamedFilter::clear`] was called before.
     fn sample(&mut self, ins: &InsSeries<'_>, row: usize, input: &SampleInput<'_>) -> Result<(), NavigationError>;
 
-    /// Removes the output of the last sample and keeps its memory.
+    /// Removes the output of the last sample and keeps the allocated memory.
     fn clear(&mut self);
 
     /// Output of the last sample in one row; none before the first sample.

@@ -47,7 +47,7 @@ pub enum StateError {
     Field {
         /// Field at the last position when the state was saved, in nT; NaN off the map.
         saved_nt: f64,
-        /// Field of this filter there, in nT.
+        /// Field of this filter at the same position, in nT.
         found_nt: f64,
     },
 }

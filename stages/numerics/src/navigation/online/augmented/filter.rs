@@ -83,7 +83,7 @@ pub(super) struct AugmentedFilter<'a, M> {
     pub(super) model: M,
     /// Number of states of the aircraft field model.
     own: usize,
-    /// These states, followed by those of the further measurements.
+    /// States of the aircraft field model, followed by those of the further measurements.
     states: ExtraStates,
     of_aids: AidStates,
     parameters: OnlineParameters,
@@ -283,7 +283,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         Ok(self.further(line, row, scalar, innovation, slope_nt_per_m))
     }
 
-    /// Uses the further measurements of a sample, each linearised at the state before it. Outputs their innovations.
+    /// Uses the further measurements of a sample, each linearised at the state directly before it is used. Outputs
+    /// their innovations.
     #[inline(always)]
     fn further(
         &mut self,

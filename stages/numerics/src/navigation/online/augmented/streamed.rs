@@ -25,10 +25,10 @@ pub(crate) struct StreamedAugmented<M> {
 }
 
 impl<M: AircraftFieldModel> StreamedAugmented<M> {
-    /// Filter of a number of magnetometers.
+    /// Filter for the given number of magnetometers.
     ///
     /// # Errors
-    /// Fails for invalid states, no magnetometer, or an invalid gate.
+    /// Fails for invalid states, zero magnetometers, or an invalid gate.
     pub(crate) fn new(
         (map, field, second_order): (Arc<FieldMap>, PredictedField<'static>, bool),
         errors: InsErrorModel,
@@ -54,7 +54,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
     /// Filters a sample.
     ///
     /// # Errors
-    /// Returns the filter's errors on a line.
+    /// Returns the errors of the filter of a whole line.
     pub(crate) fn sample(
         &mut self,
         ins: &InsSeries<'_>,
@@ -75,7 +75,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
         pulp::Arch::new().dispatch(AugmentedKernel { filter, line: &line, row, input })
     }
 
-    /// Removes the output of the last sample and keeps its memory.
+    /// Removes the output of the last sample and keeps the allocated memory.
     pub(crate) fn clear(&mut self) {
         let output = &mut self.filter.output;
         output.navigation.clear_rows();

@@ -30,8 +30,8 @@ pub struct RevisitEvidence {
 
 impl RevisitEvidence {
     /// E over D: 1 if two visits differ only by the expected noise and roughness of the field, 0 if the two visits are
-    /// unrelated. NaN without revisits, or if they contain almost no information: D is then below 5 (a factor of 150 in
-    /// probability).
+    /// unrelated. NaN without revisits, or if they contain almost no information, that is, if D is below 5 (a factor of
+    /// 150 in probability).
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }

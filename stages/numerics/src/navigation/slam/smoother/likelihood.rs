@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::navigation::slam::kernel::AnomalyKernel;
 
-/// Number of columns of a matrix per task. The order of sums does not depend on the number of threads.
+/// Number of matrix columns per task. The order of sums does not depend on the number of threads.
 const BLOCK: usize = 64;
 
 /// Measurement, averaged over a short distance.
@@ -268,10 +268,10 @@ impl PathCovarianceFactor {
     }
 }
 
-/// North and north, north and east, east and east.
+/// Pairs of axes: north-north, north-east, east-east.
 const PAIRS: [(usize, usize); 3] = [(0, 0), (0, 1), (1, 1)];
 
-/// Second derivative of the covariance along the axes a and b of one of two positions with this separation.
+/// Second derivative of the covariance of two positions with this separation, along the axes a and b of one position.
 fn bend(kernel: &AnomalyKernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
     let bends = kernel.bends(apart[0].powi(2) + apart[1].powi(2));
     bends.second * apart[a] * apart[b] - if a == b { bends.first } else { 0.0 }

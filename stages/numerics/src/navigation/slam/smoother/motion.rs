@@ -34,7 +34,7 @@ pub struct PositionErrorBasis {
     pivots: Vec<(usize, usize)>,
 }
 
-/// Time between two steps: the first step, and the fraction of the interval to the second step.
+/// Position of a time between two steps: the first step, and the fraction of the interval that has passed.
 #[derive(Clone, Copy, Debug)]
 pub struct StepInterpolation {
     /// First step.
@@ -110,7 +110,8 @@ impl InsErrorTransitions {
         out
     }
 
-    /// Basis functions that omit less than this standard deviation, in metres, of any position.
+    /// Basis functions, added until the omitted part of every position has a standard deviation of at most
+    /// `tolerance_m`, in metres, or until their number is `MOST_FUNCTIONS`.
     pub fn functions(&self, tolerance_m: f64) -> PositionErrorBasis {
         let steps = self.p.len();
         let [north, east] = self.m_per_rad;
@@ -193,7 +194,7 @@ impl InsErrorTransitions {
         out
     }
 
-    /// Position of a time among the steps, clamped to the first and last step.
+    /// Position of a time among the steps, limited to the range from the first to the last step.
     pub fn between(&self, tt_s: f64) -> StepInterpolation {
         let after = self.tt_s.partition_point(|step_s| *step_s < tt_s);
         let Some(step) = after.checked_sub(1) else { return StepInterpolation { step: 0, part: 0.0 } };

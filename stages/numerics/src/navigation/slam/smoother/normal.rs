@@ -1,4 +1,4 @@
-//! Normal equations of the smoother: the problem of some measurements, its prior, and their solution.
+//! Normal equations of the smoother: set-up for a list of measurements, prior of the weights, and solution.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
@@ -9,7 +9,7 @@ use super::search::SlamWeightPrior;
 use super::{START_M, SlamFilterResult};
 use crate::navigation::slam::samples::SlamLine;
 
-/// Problem of the measurements `thin`, with their displacements as functions of the weights.
+/// Likelihood problem of the thinned measurements `thin`, with their displacements as functions of the weights.
 pub(super) fn problem_of(
     thin: &[(SlamMeasurement, [f64; 2])],
     motion: &InsErrorTransitions,

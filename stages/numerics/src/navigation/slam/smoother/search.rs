@@ -93,7 +93,7 @@ impl<'a> SlamSearch<'a> {
         self.factored.cost
     }
 
-    /// Mean of the squared residuals of the measurements over the variance of each.
+    /// Mean of the normalised squared residuals, rᵀ C⁻¹ r divided by the number of measurements.
     pub fn misfit(&self) -> f64 {
         self.factored.square / self.problem.measured.len() as f64
     }
@@ -135,8 +135,8 @@ impl<'a> SlamSearch<'a> {
 
     /// Cholesky factor of the information on the weights, and the gradient of the cost.
     ///
-    /// Far from the optimum, the likelihood may have negative curvature along some weights; these then have only the
-    /// information of the prior.
+    /// Far from the optimum, the likelihood may have negative curvature along some weights; only the prior then gives
+    /// information on these weights.
     fn curvature(&self) -> (Option<Llt<f64>>, Vec<f64>) {
         let found = self.factored.derivatives(self.problem, &self.kernel);
         let mut gradient = found.gradient;
@@ -183,7 +183,7 @@ impl<'a> SlamSearch<'a> {
         false
     }
 
-    /// Takes one step of Fisher scoring of the kernel. Returns whether it has converged.
+    /// Takes one step of Fisher scoring of the kernel. Returns whether the kernel has converged.
     fn fit(&mut self) -> bool {
         let by = self.factored.by_kernel(&self.kernel);
         let information = Mat::from_fn(3, 3, |i, j| by.information[i][j] + if i == j { DAMPING } else { 0.0 });

@@ -11,8 +11,9 @@ const AVERAGED: f64 = 0.05;
 /// Averages neighbouring samples, in time order, to at most `most` measurements, each with the mean displacement
 /// according to the filter, in metres.
 ///
-/// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
-/// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
+/// If there are more samples, they are divided into groups whose sizes differ by at most one. In each group the samples
+/// near the middle are averaged and the others are skipped, because a mean over a longer stretch would smooth the
+/// field.
 pub fn thinned(
     samples: &[(SlamSample, [f64; 2])],
     kernel: &AnomalyKernel,
