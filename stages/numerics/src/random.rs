@@ -32,7 +32,7 @@ impl NormalGenerator {
         Self { bits: SplitMix64::new(mixed(seed ^ 0x5851_f42d_4c95_7f2d)), spare: None }
     }
 
-    /// The next number between 0 (excluded) and 1.
+    /// The next uniform number between 0 (excluded) and 1.
     fn uniform(&mut self) -> f64 {
         (self.bits.draw() >> 11) as f64 / (1_u64 << 53) as f64 + 1.0 / (1_u64 << 54) as f64
     }
@@ -49,8 +49,8 @@ impl NormalGenerator {
     }
 }
 
-/// Seed for these names, derived from a common seed. Each flight and line has separate numbers, independent of other
-/// lines and of the order of drawing.
+/// Seed for a list of names (such as flight and line), derived from a common seed. Each flight and line therefore has
+/// its own random numbers, independent of other lines and of the order of drawing.
 pub fn seed_of(seed: u64, names: &[&str]) -> u64 {
     names.iter().fold(mixed(seed ^ 0x2545_f491_4f6c_dd1d), |state, name| {
         // The length distinguishes ("ab", "c") from ("a", "bc").

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// The columns of a table of numbers by name; lines that begin with `#` give its source.
+/// The columns of a numeric table, by column name. Lines that begin with `#` give the source of the table.
 pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -12,7 +12,7 @@ pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
     names.iter().enumerate().map(|(j, name)| ((*name).to_owned(), column(j))).collect()
 }
 
-/// Terms of the samples on which linear models are tested.
+/// Column names of the terms in the samples on which linear models are tested.
 pub(crate) const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
 /// A line of these samples: the terms, row-major, and both targets.

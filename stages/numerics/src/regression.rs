@@ -1,19 +1,22 @@
 //! Linear models and their statistics: least squares, shrinkage, components, robust losses, recursive fits.
 //!
 //! Rows are read once: [`QrAccumulator`] or [`RegressionMoments`] folds them into the triangular factor of a QR
-//! factorisation, from which every linear model in this folder is computed. Only the robust fit reads the rows again.
+//! factorisation, from which every linear model in this folder is computed. Only the robust fit reads the rows more
+//! than once.
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`least_squares`] | least squares and ridge for many targets and ridge parameters; lines omitted in turn |
-//! | [`cross_spectra`] | errors of coefficients whose residual is correlated, as after a filter |
-//! | [`choose_lambda`] | the ridge parameter by generalised cross-validation, the L-curve, or omitted lines |
+//! | [`least_squares`] | least squares and ridge for many targets and ridge parameters; cross-validation by omitting
+//! lines |
+//! | [`cross_spectra`] | standard errors of coefficients if the residual is correlated, for example by a filter |
+//! | [`choose_lambda`] | selection of the ridge parameter by generalised cross-validation, the L-curve, or omitted
+//! lines |
 //! | [`truncated_svd`] | regression on the principal components of the terms |
-//! | [`elastic_net`] | a penalty on the size and on the number of coefficients |
+//! | [`elastic_net`] | least squares with a penalty on the size and on the number of coefficients |
 //! | [`pls`] | partial least squares |
 //! | [`principal_components`] | principal components of many columns, with whitening |
 //! | [`robust`] | Huber's and Student's M-estimates for data with outliers |
-//! | [`recursive_least_squares`] | row by row, with exponential forgetting |
+//! | [`recursive_least_squares`] | least squares row by row, with exponential forgetting |
 //! | [`statistics`] | means, deviations, and the scores of compensation and navigation |
 //! | [`bootstrap`] | confidence intervals by resampling flight lines |
 //! | [`l_curve`] | the curvature of an L-curve |

@@ -6,10 +6,11 @@
 //! | [`spikes`] | outliers of single samples, by a running median or the fourth difference |
 //! | [`savitzky_golay`] | values and derivatives of polynomials fitted to a moving window |
 //! | [`lag`] | the lag of one signal against another, by cross-correlation |
-//! | [`segments`] | gaps: runs of usable samples, each filtered separately; checks of a time column |
+//! | [`segments`] | runs of usable samples between gaps, each filtered separately; checks of a time column |
 //! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
-//! | [`resample`] | samples at arbitrary times resampled to an even grid; the low-pass before a lower rate |
-//! | [`local_fit`] | smoothing by local parabolas of samples at arbitrary times |
+//! | [`resample`] | resampling from arbitrary times to an even grid; low-pass filter before resampling to a lower rate
+//! |
+//! | [`local_fit`] | smoothing of samples at arbitrary times, by local parabolas |
 //! | [`spectrum`] | power spectral density by Welch's method |
 //! | [`noise`] | the Allan variance of a line, and the white and Gauss-Markov noise that bound it |
 //! | [`gauss_markov`] | the first-order Gauss-Markov process: exponentially correlated noise |

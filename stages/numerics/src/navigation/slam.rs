@@ -159,8 +159,9 @@ struct SlamFilter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in metres.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
-    /// Moments of a parallel Kalman filter: available with aiding positions, from the start and from each of them until
-    /// the field weights the particles. These moments have no sampling error from a finite number of draws.
+    /// Moments of a parallel Kalman filter, for lines with aiding positions: kept from the start, and again from each
+    /// aiding position, until the field weights the particles. These moments have no sampling error from a finite
+    /// number of draws.
     exact: Option<SlamMoments>,
     /// Covariance of the INS alone.
     alone: StateMatrix,

@@ -55,7 +55,7 @@ use normal::{FieldVariance, TrackMapRow, TrackMapSolution, TrackMapSums};
 const MOST_LACKING: f64 = 0.02;
 /// Number of knots of the temporal variation per time constant.
 const KNOTS: f64 = 4.0;
-/// Maximum number of knots of all flights; on longer flights the spacing of the knots is larger.
+/// Maximum number of knots of all flights together; if a flight would need more, the spacing of its knots is larger.
 const MOST_KNOTS: usize = 500;
 
 /// Measurement of a track.
@@ -89,7 +89,7 @@ pub struct TrackMapParameters {
     /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means no
     /// temporal variation.
     pub temporal: (f64, f64),
-    /// Standard deviation of the constant of each line, if there are several, in nT; 0 means no constant.
+    /// Standard deviation of the constant of each line, in nT; 0 means no constant. A single line has no constant.
     pub line_sigma_nt: f64,
     /// Maximum number of functions of the basis. Computing time grows with the third power of this number.
     pub most_functions: usize,
@@ -131,18 +131,19 @@ pub enum TrackMapError {
 pub struct TrackMapReport {
     /// Kernel of the map.
     pub kernel: AnomalyKernel,
-    /// Whether the kernel was fitted. False after a requested fit means that the track is too short or constant; the
-    /// given kernel was then used.
+    /// Whether the kernel was fitted. False after a requested fit means that the track is too short or its measurements
+    /// are constant; the given kernel was then used.
     pub fitted: bool,
     /// Number of measurements.
     pub samples: usize,
     /// Number of functions of the basis.
     pub functions: usize,
-    /// Fraction of the variance that the functions omit.
+    /// Fraction of the variance that the basis omits.
     pub lacking: f64,
     /// Mean height of the measurements, in metres.
     pub alt_m: f64,
-    /// Root mean square residual over the square root of the measurements' noise variance; at most 1.
+    /// Root mean square of the residuals, each divided by its assumed standard deviation; at most about 1 if the
+    /// assumed noise is correct.
     pub misfit: f64,
 }
 
@@ -158,7 +159,7 @@ pub struct TrackMap {
     pub report: TrackMapReport,
 }
 
-/// Node of the map: the anomaly and its standard deviation, both in nT; NaN beyond the rectangle of the basis.
+/// Node of the map: the anomaly and its standard deviation, both in nT; NaN outside the rectangle of the basis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapNode {
     /// Anomaly.
@@ -177,7 +178,8 @@ impl TrackMap {
         Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
     }
 
-    /// Map with a kernel that [`kernel_of`] fitted to more measurements.
+    /// Map with the kernel `fitted`, which [`kernel_of`] computed, for example from more measurements. `None` uses
+    /// `parameters.kernel`.
     ///
     /// # Errors
     /// Fails in the cases that [`TrackMapError`] lists.
@@ -309,7 +311,7 @@ fn lines_of(samples: &[TrackSample]) -> Vec<&[TrackSample]> {
     samples.chunk_by(|a, b| a.line == b.line).collect()
 }
 
-/// Sines and cosines of the basis at a coordinate.
+/// Sines and cosines of the basis functions at a coordinate.
 struct BasisWaves {
     at_m: f64,
     cosines: Vec<f64>,
@@ -334,7 +336,7 @@ fn along(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
     matrix.chunks_exact(vector.len()).map(|row| dot(row, vector)).collect()
 }
 
-/// Variance due to a slope and a position error, in nT².
+/// Variance due to a position error on a slope of the field, in nT².
 fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
@@ -347,7 +349,7 @@ fn spacing(lines: &[&[TrackSample]]) -> f64 {
     path_m / steps.max(1) as f64
 }
 
-/// Rows of the equations, and the mean subtracted from the values.
+/// Rows of the normal equations, and the mean that is subtracted from the values.
 fn rows(
     basis: &LaplacianBasis,
     kernel: &AnomalyKernel,

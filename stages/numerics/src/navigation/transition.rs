@@ -1,7 +1,7 @@
 //! Discrete steps of the continuous error model: Φ = exp(F Δt) and the process noise.
 //!
-//! All functions are inlined into the filter's loop, which is compiled for each kind of vector unit. Products and sums
-//! are not fused, so the results of all units are bit-identical.
+//! All functions are inlined into the filter's loop, which is compiled for each vector instruction set. Products and
+//! sums are not fused, so the results with all instruction sets are bit-identical.
 
 use params::choice;
 
@@ -27,7 +27,7 @@ choice! {
     }
 }
 
-/// Coupled states, with the coupled states that each depends on.
+/// For each coupled state, the other coupled states on which it depends.
 const COUPLING: [(usize, &[usize]); COUPLED.len()] = [
     (LAT, &[ALT, VN]),
     (LON, &[LAT, ALT, VE]),
@@ -41,7 +41,7 @@ const COUPLING: [(usize, &[usize]); COUPLED.len()] = [
     (A_HAT, &[ALT]),
 ];
 
-/// Gauss-Markov states that drive each coupled state.
+/// For each coupled state, the Gauss-Markov states that drive it.
 const DRIVEN: [(usize, &[usize]); 8] = [
     (ALT, &[HA]),
     (VN, &[ACC, ACC + 1, ACC + 2]),
@@ -98,7 +98,7 @@ fn scaled_norm(f: &StateMatrix) -> f64 {
     for state in GAUSS_MARKOV {
         sums[state] = f[state][state].abs();
     }
-    // A NaN must propagate, so that it appears in the matrix instead of giving a wrong order.
+    // A NaN must propagate to the matrix; otherwise it would only lead to a wrong order of the series.
     sums.into_iter().fold(0.0, |largest, sum| if sum <= largest { largest } else { sum })
 }
 
@@ -183,7 +183,7 @@ pub(crate) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) 
     }
 }
 
-/// A B of transition matrices.
+/// Product A B of two transition matrices.
 #[inline(always)]
 pub(crate) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
@@ -198,7 +198,7 @@ pub(crate) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     out
 }
 
-/// Φ x, over the nonzero entries of a transition matrix.
+/// Product Φ x, computed over the nonzero entries of a transition matrix.
 #[inline(always)]
 pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
     let mut out = [0.0; STATES];
@@ -219,8 +219,8 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     out
 }
 
-/// Covariance that white noise of spectral density `q` (per state, per second) adds over a step of exp(F s), the
-/// integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
+/// Covariance that white noise of spectral density `q` (per state, per second) adds over a step: the integral of exp(F
+/// s) Q exp(F s)ᵀ over the step. [Van Loan 1978]
 ///
 /// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. The weights of the
 /// quadrature are positive, so every result is positive semidefinite.

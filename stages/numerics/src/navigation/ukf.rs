@@ -25,7 +25,7 @@
 //! Irregularities along the line are counted:
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: no update, `residual` and `nis` are NaN;
-//! - an estimated position off the map or in an unknown cell: as above, counted as off the map;
+//! - an estimated position off the map or in an unknown cell: likewise no update, counted as off the map;
 //! - an estimated position on the map with one or more of the six other points off the map: the map is linearised at
 //!   the estimated position as in the EKF, and the nonlinear part is NaN;
 //! - a position that is exactly known in some direction: no points in that direction;
@@ -51,12 +51,12 @@ use params::{Fault, Rule, obeys};
 /// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate. The mean of the field and the
 /// gain are then correct to the fourth moment of every direction. The computed variance of the field's second-order
 /// part is (5 + 4 β)/8 of the true variance on average over fields whose curvature has no preferred direction. β = 3/4
-/// gives the true variance. The usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters
+/// gives the true variance. The usual β = 2 is cautious, which has no effect where the map is linear, and fewer filters
 /// diverge from a very uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second
 /// derivatives (along the directions of the points) is exact instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UkfParameters {
-    /// α of the scaled unscented transform: scales the distance of the points, above 0.
+    /// α of the scaled unscented transform, a factor on the distance of the points; above 0.
     pub alpha: f64,
     /// β of the scaled unscented transform: additional weight of the centre in the variance, compared with the mean; at
     /// least −α² κ/3.
@@ -117,8 +117,8 @@ fn refused(name: &str, what: String) -> ParameterError {
 pub struct UkfOutput {
     /// Estimate.
     pub navigation: NavigationOutput,
-    /// Standard deviation √ω of the nonlinear part of the field over the uncertainty of the position, in nT, one value
-    /// per sample; NaN without a prediction and where the map was linearised at the estimated position.
+    /// Standard deviation √ω, in nT, of the nonlinear part of the field within the uncertainty of the position, one
+    /// value per sample. NaN without a prediction and where the map was linearised at the estimated position.
     pub nonlinear_sd_nt: Vec<f64>,
     /// Number of samples at which the map was linearised because an outer point was off the map.
     pub linearised: usize,

@@ -23,13 +23,14 @@ impl BootstrapResamples {
     /// Draws `groups` groups with replacement, `draws` times. The same seed gives the same draws on every machine.
     pub fn new(groups: usize, draws: usize, seed: u64) -> Self {
         let mut bits = SplitMix64::new(seed);
-        // The upper half of the 128-bit product is uniform below `groups` to one part in 2^64.
+        // The upper half of the 128-bit product is uniform from 0 to `groups` − 1, to one part in 2^64.
         let one = |bits: u64| ((u128::from(bits) * groups as u128) >> 64) as u32;
         let draws = (0..draws).map(|_| (0..groups).map(|_| one(bits.draw())).collect()).collect();
         Self { draws }
     }
 
-    /// The statistic of each draw; its argument iterates over the indices of the drawn groups.
+    /// The value of `statistic` for each draw; the argument of `statistic` iterates over the indices of the drawn
+    /// groups.
     pub fn values(&self, statistic: impl Fn(&mut dyn Iterator<Item = usize>) -> f64) -> Vec<f64> {
         self.draws.iter().map(|draw| statistic(&mut draw.iter().map(|i| *i as usize))).collect()
     }

@@ -10,14 +10,14 @@ use crate::regression::least_squares::{
     leave_line_out, setting,
 };
 
-/// If the logarithms change by less than this over two steps of λ, the curve is stationary and its curvature is
+/// If the logarithms of misfit and norm change by less than this over two steps of λ, the curvature of the curve is
 /// dominated by rounding.
 const STANDS_STILL: f64 = 1e-6;
 
 /// The scores of a fit with one λ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LambdaPoint {
-    /// The ridge parameter of the scaled columns, absolute (not divided by the rows).
+    /// The ridge parameter of the scaled columns, absolute (not divided by the number of rows).
     pub lambda: f64,
     /// ‖y − A β‖², in the target's unit squared.
     pub residual_squares: f64,
@@ -26,9 +26,9 @@ pub struct LambdaPoint {
     /// The effective number of parameters, including the intercept.
     pub degrees_of_freedom: f64,
     /// n ‖r‖²/(n − degrees of freedom)²: the expected mean squared error at unseen rows, if the noise is uncorrelated.
-    /// NaN without remaining degrees of freedom. [Golub, Heath & Wahba 1979]
+    /// NaN if no degrees of freedom remain. [Golub, Heath & Wahba 1979]
     pub generalised: f64,
-    /// The curvature of log ‖b‖ as a function of log ‖r‖; 0 at both ends.
+    /// The curvature of log ‖b‖ as a function of log ‖r‖; 0 at the first and last λ.
     pub curvature: f64,
 }
 
@@ -277,10 +277,10 @@ mod tests {
             assert!(corner < 0.1 * errors[0] && corner < 0.5 * errors[80], "{seed} {corner}");
             assert!(points.windows(2).all(|p| p[1].size < p[0].size && p[1].residual_squares >= p[0].residual_squares));
         }
-        // Computed in numpy with other draws: the error of the corner is 1.5 to 4 times the smallest error, because its
-        // lambda is too small for a smooth truth [Hanke 1996]. The error of cross-validation is 1.1 to 2 times the
-        // smallest error, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
-        // the grid are 60 and 9 times the smallest error.
+        // From a computation in numpy with other draws: the error of the corner is 1.5 to 4 times the smallest error,
+        // because its lambda is too small for a smooth truth [Hanke 1996]. The error of cross-validation is 1.1 to 2
+        // times the smallest error, but occasionally it fits noise; medians are therefore compared. The errors at the
+        // two ends of the grid are 60 and 9 times the smallest error.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");

@@ -5,7 +5,7 @@
 
 use super::statistics::SampleStatistic;
 
-/// Number of blocks over which a long series is averaged before its autocorrelation is summed.
+/// A long series is reduced to the means of at most this number of blocks before its autocorrelations are summed.
 const BLOCKS: usize = 2048;
 /// Minimum number of samples of a test.
 const LEAST: usize = 10;
@@ -76,8 +76,8 @@ pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic 
     SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// Autocorrelation of `x`, without subtracting the mean, at a lag in samples, divided by the mean square of `x`; and
-/// its number of pairs. Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a
+/// Autocorrelation of `x`, without subtracting the mean, at a lag in samples, divided by the mean square of `x`; with
+/// the number of pairs. Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a
 /// series of zeros.
 pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
@@ -91,8 +91,8 @@ fn mean_square(x: &[f64]) -> f64 {
     squares().sum::<f64>() / squares().count() as f64
 }
 
-/// Smallest number of samples from one finite value to the next: thinned measurements have innovations only at some
-/// samples.
+/// Smallest distance, in samples, from one finite value to the next. It exceeds 1 for thinned measurements, which have
+/// innovations only at some samples.
 fn stride(x: &[f64]) -> usize {
     let rows: Vec<usize> = (0..x.len()).filter(|row| x[*row].is_finite()).collect();
     rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
@@ -126,7 +126,7 @@ fn gamma_p(a: f64, x: f64) -> f64 {
         return 0.0;
     }
     let front = (a * x.ln() - x - ln_gamma(a)).exp();
-    // Both converge within about √a terms for x near a.
+    // Series and continued fraction converge within about √a terms for x near a.
     let most = 200 + (20.0 * a.sqrt()) as usize;
     if x < a + 1.0 {
         let (mut term, mut sum) = (1.0 / a, 1.0 / a);
@@ -181,9 +181,9 @@ pub fn statistical_inefficiency(x: &[f64]) -> f64 {
 }
 
 /// Mean of the squared normalised innovations times the [`statistical_inefficiency`] of the innovations, which is 1
-/// plus twice the sum of their autocorrelations. This is the ratio of the variance of averages of `x` to the variance
-/// of averages of independent values of variance 1. The expected value is 1 for a consistent filter. Averages of
-/// innovations correct the position. Values above 1 therefore mean that the covariance is too small, because the
+/// plus twice the sum of their autocorrelations. The product is the ratio of the variance of averages of `x` to the
+/// variance of averages of independent values of variance 1. The expected value is 1 for a consistent filter. Averages
+/// of innovations correct the position. Values above 1 therefore mean that the covariance is too small, because the
 /// innovations are too large or too correlated. NaN for a constant or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();

@@ -8,9 +8,10 @@
 //! G (Aᵀ Σ A) G,   Aᵀ Σ A ≈ Σ over bands  s_band C_band
 //! ```
 //!
-//! where C_band is the part of AᵀA in a band of frequencies, and s_band the power of the residual there, per degree of
-//! freedom. The bands are an eighth of an octave wide. Neighbouring bands are merged until enough degrees of freedom
-//! for a power estimate remain after the fit. Terms and residual may have any spectrum that is smooth within a band.
+//! where C_band is the part of AᵀA in a band of frequencies, and s_band the power of the residual in this band, per
+//! degree of freedom. The bands are an eighth of an octave wide. Neighbouring bands are merged until enough degrees of
+//! freedom for a power estimate remain after the fit. Terms and residual may have any spectrum that is smooth within a
+//! band.
 //!
 //! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. The
 //! resulting jump correlates the residual's Fourier components, and a slow term fits the ramp: standard deviations are
@@ -28,9 +29,9 @@ use realfft::{RealFftPlanner, num_complex::Complex};
 
 /// Number of bands per octave.
 const BANDS: f64 = 8.0;
-/// Lower edge of the lowest band, in Hz; slower waves form one band.
+/// Lower edge of the lowest regular band, in Hz; all slower waves form one further band.
 const LOWEST_HZ: f64 = 1e-3;
-/// Minimum degrees of freedom of a band after the fit.
+/// Minimum degrees of freedom that a band must have after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
 
 /// Waves of a run that indicate a drifting residual: the slowest waves, and the waves with which they are compared.
@@ -56,7 +57,8 @@ struct SpectralBand {
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
-    /// Upper triangle for columns minus their ramps; empty for [`ResidualDrift::Bound`].
+    /// Upper triangle of the cross-products after subtraction of the columns' ramps; empty for
+    /// [`ResidualDrift::Bound`].
     level: Vec<f64>,
 }
 
@@ -79,11 +81,12 @@ struct DriftStatistics {
     slowest: Vec<f64>,
     /// The mean powers of the next waves.
     next: Vec<f64>,
-    /// Mean squares of the increments of a walk, from the slowest waves of columns minus their ramps.
+    /// Mean squares of the increments of a random walk, from the slowest waves of the columns after subtraction of
+    /// their ramps.
     increments: Vec<f64>,
     /// n Aᵀt (Aᵀt)ᵀ with the ramp t from −½ to ½ over n rows.
     ramps: Vec<f64>,
-    /// Number of runs that are long enough for these waves.
+    /// Number of runs that are long enough for the slowest and the next waves.
     runs: f64,
 }
 
@@ -300,7 +303,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// Bands of the columns, from the slowest. The columns are unchanged or minus their means.
+    /// Bands of the columns, from the slowest. With `centred`, the means of the columns are subtracted.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();

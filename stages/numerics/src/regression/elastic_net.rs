@@ -1,13 +1,13 @@
 //! The elastic net: least squares with a penalty on the magnitude and on the number of coefficients.
 //!
 //! The objective ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 of the coefficients b of the scaled columns is
-//! minimised, as in scikit-learn and glmnet. Gnadt 2022 (3.31)-(3.32) writes it with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ).
-//! It is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani 2010, "Regularization
-//! paths for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path begins at the α for
-//! which all coefficients are zero and descends; each α starts from the previous solution. Rows are never read: all
-//! computations use the triangular factor. It also gives the exact solution for the active terms, so that
-//! ill-conditioned terms do not slow the descent. The descent ends when the duality gap, which bounds the distance from
-//! the minimum, is small.
+//! minimised, as in scikit-learn and glmnet. Gnadt 2022 (3.31)-(3.32) writes the objective with λ₁ = 2 n α ρ and λ₂ = n
+//! α (1 − ρ). The problem is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani
+//! 2010, "Regularization paths for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path
+//! begins at the α for which all coefficients are zero and descends; each α starts from the previous solution. Rows are
+//! never read: all computations use the triangular factor. The factor also gives the exact solution for the active
+//! terms, so that ill-conditioned terms do not slow the descent. The descent ends when the duality gap, which bounds
+//! the distance from the minimum, is small.
 
 mod descent;
 
@@ -28,7 +28,7 @@ pub struct ElasticNetOptions {
     pub scaling: ColumnScaling,
     /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,
-    /// Duality gap, as a fraction of ‖y‖², at which the solution of an α is accepted.
+    /// The solution for an α is accepted if its duality gap, as a fraction of ‖y‖², is at most this.
     pub tolerance: f64,
     /// The maximum number of sweeps over the terms for one α.
     pub sweeps: usize,
@@ -46,13 +46,13 @@ impl Default for ElasticNetOptions {
 pub struct ElasticNetFit {
     /// The strength of the penalty, in the target's unit squared over the unit of b.
     pub alpha: f64,
-    /// The model in the columns' own units.
+    /// The model in the units of the columns.
     pub fit: LinearFit,
     /// Indices of the terms with nonzero coefficients, ascending.
     pub active: Vec<usize>,
     /// The sum of squared residuals.
     pub residual_squares: f64,
-    /// Upper bound, as a fraction of ‖y‖², on n times the excess of the objective over its minimum.
+    /// Upper bound on n times (objective minus its minimum), as a fraction of ‖y‖².
     pub gap: f64,
     /// The number of sweeps.
     pub sweeps: usize,

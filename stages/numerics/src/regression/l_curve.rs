@@ -5,8 +5,8 @@
 //! ill-posed problems", SIAM J. Sci. Comput. 14(6)]
 
 /// Curvature at the middle of three points that are evenly spaced in the logarithm of the parameter. Positive at a
-/// corner towards the origin; 0 if the curvature is undefined. `misfit` and `size` are norms (not squared) above 0, in
-/// ascending order of the parameter.
+/// corner that points to the origin; 0 if the curvature is undefined. `misfit` and `size` are norms (not squared) above
+/// 0, in ascending order of the parameter.
 pub fn log_curvature(misfit: [f64; 3], size: [f64; 3]) -> f64 {
     let of = |values: [f64; 3]| {
         let [a, b, c] = values.map(f64::ln);
@@ -23,7 +23,8 @@ mod tests {
 
     #[test]
     fn law_a_circle_has_the_curvature_of_its_radius() {
-        // A quarter circle of radius 0.2 in logarithms, below and left of its centre, traversed evenly.
+        // The quarter of a circle that is below and to the left of its centre, with a radius of 0.2 in logarithms,
+        // traversed evenly.
         let at = |angle: f64| ((2.0 - 0.2 * angle.cos()).exp(), (3.0 - 0.2 * angle.sin()).exp());
         let points = [0.799, 0.8, 0.801].map(at);
         let curvature = log_curvature(points.map(|p| p.0), points.map(|p| p.1));

@@ -69,7 +69,7 @@ pub enum LeastSquaresError {
     /// There are no rows.
     #[error("there are no rows to fit")]
     NoRows,
-    /// The terms are linearly dependent and there is no ridge.
+    /// The terms are linearly dependent and lambda is 0.
     #[error("{}", ridge::deficient(*rank, *terms, *rows, unexcited, dependent))]
     RankDeficient {
         /// The number of independent combinations of terms in the rows.
@@ -252,8 +252,8 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// The factor of [1 | A | y] for the targets `chosen` alone, bit-identical to a factor without the others. An index
-    /// without a target is ignored.
+    /// The factor of [1 | A | y] for the targets `chosen` only, bit-identical to a factor that was built with these
+    /// targets only. An index without a target is ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         let chosen: Vec<usize> = chosen.iter().copied().filter(|c| *c < self.targets).collect();
         let mut out = Self::new(self.terms, chosen.len());
@@ -273,8 +273,8 @@ impl QrAccumulator {
 
     /// Ridge fits of every target for every lambda; all terms are penalised, without an intercept.
     ///
-    /// `names` are the names of the terms, for messages and the path. For a lambda of 0, linearly dependent terms are
-    /// rejected by name; with a ridge they are fitted and listed in the path.
+    /// `names` are the names of the terms, used in messages and in the returned path. For a lambda of 0, linearly
+    /// dependent terms cause an error that names them; for a lambda above 0 they are fitted and listed in the path.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] if the numbers of names and terms differ, with
@@ -377,7 +377,7 @@ impl LeastSquaresError {
     }
 }
 
-/// Whether all values are finite; without an early exit, so that it runs at the speed of memory.
+/// Whether all values are finite. There is no early exit, so that the speed is limited by memory only.
 fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |finite, value| finite & value.is_finite())
 }

@@ -1,14 +1,15 @@
-//! Partial least squares: the few combinations of terms with the largest covariance with the targets.
+//! Partial least squares: regression on the few combinations of terms that have the largest covariance with the
+//! targets.
 //!
 //! Gnadt 2022 (3.33)-(3.43), for standardised columns: u is the leading left singular vector of the covariances with
 //! the targets (3.34). The loadings p and q (3.37)-(3.38) deflate columns and targets (3.41)-(3.42). After k
-//! components, β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's `PLSRegression(scale=True)` is the same for one target and for
-//! several.
+//! components, β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's `PLSRegression(scale=True)` gives the same results as this
+//! module, for one target and for several.
 //!
 //! The computation uses the p x p triangular factor. The factor has the same scores as the rows, and avoids
 //! covariances, which would square the condition number. The inverse of Pᵀ U, which is unit upper triangular, is never
-//! formed. Each component adds r qᵀ to β, where r is u minus the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so a
-//! single pass gives the fits for all numbers of components.
+//! formed. Each component adds r qᵀ to β, where r is u minus Σ (pᵀ u) r over the earlier components [de Jong 1993,
+//! "SIMPLS"], so a single pass gives the fits for all numbers of components.
 
 use faer::Mat;
 
@@ -18,8 +19,8 @@ use crate::regression::least_squares::{
     setting,
 };
 
-/// The remaining covariance is treated as rounding if it is below this fraction of the initial covariance with the
-/// targets.
+/// The remaining covariance with the targets is treated as rounding error if it is below this fraction of the initial
+/// covariance.
 const NOTHING_LEFT: f64 = 1e-13;
 
 /// The fits with 1, 2, ... components.
@@ -40,7 +41,8 @@ pub struct PlsPath {
 /// Joint fits of all `targets` with 1 to `components` components.
 ///
 /// `scaling` applies to the terms; the targets are always divided by their standard deviation (n − 1), which matters
-/// for several targets. Means are subtracted from both. The path is shorter than requested if no covariance remains.
+/// for several targets. The means of terms and targets are subtracted. The path is shorter than requested if no
+/// covariance remains.
 ///
 /// # Errors
 ///
@@ -100,7 +102,7 @@ pub fn fit(
 
 /// Leave-one-line-out scores of `target` for 1 to `components` components, from joint fits of `targets`. `target` is an
 /// element of `targets`. If the other lines support fewer components, the fit with the largest possible number of
-/// components is scored instead.
+/// components is scored in place of each larger number.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::NoSuch`] if `target` is not an element of `targets`. Also returns the errors of

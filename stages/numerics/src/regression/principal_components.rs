@@ -15,7 +15,7 @@ pub enum ComponentCount {
 /// Directions of largest variance of centred and scaled columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrincipalComponents {
-    /// One direction of length 1 per component, with one entry per column; its largest entry is positive.
+    /// One direction of length 1 per component, with one entry per column. The entry of largest magnitude is positive.
     pub directions: Vec<Vec<f64>>,
     /// The variance (n − 1) of each component, largest first.
     pub variances: Vec<f64>,
@@ -27,7 +27,7 @@ pub struct PrincipalComponents {
 }
 
 impl PrincipalComponents {
-    /// The components of the columns of `moments`. With `whiten` each is scaled to a variance of 1.
+    /// The components of the columns of `moments`. With `whiten`, each component is scaled to a variance of 1.
     ///
     /// Components without variance are never kept.
     ///
@@ -108,7 +108,7 @@ impl PrincipalComponents {
         LinearFit { coefficients, intercept }
     }
 
-    /// Components of row-major rows with the same number of columns as the moments; dimensionless if whitened.
+    /// Components of rows, given row-major with the same number of columns as the moments; dimensionless if whitened.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for values that are not a whole number of rows.

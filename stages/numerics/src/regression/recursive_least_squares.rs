@@ -2,9 +2,9 @@
 //!
 //! After each row the coefficients minimise Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)² with the forgetting factor
 //! φ. Without forgetting this is ridge regression with λ = 1/σ². The state is the square root of the information
-//! matrix. Givens rotations merge each row into it [Haykin 2002, "Adaptive Filter Theory", QR-RLS; Bierman 1977,
-//! square-root information filter]. The update uses no subtraction, so the covariance cannot become indefinite. In the
-//! textbook recursion this happens after about 1e5 rows.
+//! matrix. Givens rotations merge each row into this root [Haykin 2002, "Adaptive Filter Theory", QR-RLS; Bierman 1977,
+//! square-root information filter]. The update uses no subtraction, so the covariance cannot become indefinite. With
+//! the textbook recursion, the covariance becomes indefinite after about 1e5 rows.
 
 use crate::regression::least_squares::{LeastSquaresError, expect, setting};
 
@@ -25,11 +25,11 @@ impl RecursiveLeastSquares {
     /// Initial state without rows: `initial` coefficients with standard deviations `sigma`, relative to the standard
     /// deviation of the noise.
     ///
-    /// `forgetting` φ: each new row multiplies the weights of the earlier rows by φ, which gives an effective number of
-    /// about 1/(1 − φ) rows. With `keep_prior`, the variance along any direction never exceeds the initial variance,
-    /// even after a long time without excitation; the coefficients keep their values along this direction. Without
-    /// `keep_prior`, the information along that direction decays, and the first disturbance changes the values
-    /// arbitrarily.
+    /// `forgetting` φ: each new row multiplies the weights of the earlier rows by φ, so that the effective number of
+    /// rows is about 1/(1 − φ). With `keep_prior`, the variance along any direction never exceeds the initial variance,
+    /// even after a long time without excitation; the coefficients keep their values along a direction without
+    /// excitation. Without `keep_prior`, the information along such a direction decays, and the first disturbance
+    /// changes the values arbitrarily.
     ///
     /// # Errors
     ///
@@ -233,7 +233,7 @@ mod tests {
         assert!((recursive.coefficients()[2] - 2.0).abs() < 0.02);
         let late: f64 = missed[3000..].iter().map(|e| e * e).sum::<f64>() / 1000.0;
         // Three terms estimated from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise variance; 1000 innovations
-        // determine it to 4.5 %.
+        // determine the variance to 4.5 %.
         assert!((late / 0.25 - 1.03).abs() < 0.15, "{late}");
     }
 

@@ -17,7 +17,7 @@ const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
 pub enum ResidualLoss {
     /// Quadratic up to `threshold` standard deviations, linear beyond.
     Huber {
-        /// ε; 1.345 has 95 % of the efficiency of least squares for normal noise.
+        /// Threshold ε. For normal noise, the estimate with 1.345 has 95 % of the efficiency of least squares.
         threshold: f64,
     },
     /// The likelihood of Student's t distribution.
@@ -30,11 +30,11 @@ pub enum ResidualLoss {
 /// Estimator of the residuals' scale σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ResidualScaleEstimator {
-    /// The median of |r| divided by 0.6745, in each pass, as in statsmodels' `RLM`.
+    /// The median of |r| divided by 0.6745, recomputed in each pass, as in statsmodels' `RLM`.
     Mad,
-    /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z²
-    /// inside and 2 ε |z| − ε² outside, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t: the most
-    /// likely σ.
+    /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z² for
+    /// |z| up to ε and 2 ε |z| − ε² beyond, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t: the
+    /// most likely σ.
     Joint,
     /// A given value, in the unit of the target.
     Fixed(f64),
@@ -58,7 +58,7 @@ pub struct RobustOptions {
 }
 
 impl Default for RobustOptions {
-    /// Defaults: Huber with ε = 1.345 and the median absolute deviation, no ridge, an intercept.
+    /// Defaults: Huber's loss with ε = 1.345, σ from the median of |r|, no ridge, an intercept.
     fn default() -> Self {
         Self {
             loss: ResidualLoss::Huber { threshold: 1.345 },

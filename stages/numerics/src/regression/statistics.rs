@@ -1,7 +1,7 @@
 //! Means, deviations and the scores derived from them.
 //!
-//! Rows that are not finite are excluded. The number of used rows is always returned. Sums run in row order and in two
-//! passes, the second pass about the mean of the first pass. This preserves deviations of picotesla in a field of
+//! Rows that are not finite are excluded. Every result includes the number of used rows. Sums run in row order and in
+//! two passes, the second pass about the mean of the first pass. This preserves deviations of picotesla in a field of
 //! 50,000 nT.
 
 /// A statistic and the number of samples from which it is computed.
@@ -80,7 +80,7 @@ pub fn mean(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: mean, n }
 }
 
-/// The standard deviation (divisor n − 1) of `x`, as MagNav.jl uses it throughout.
+/// The standard deviation (divisor n − 1) of `x`, as in all of MagNav.jl.
 pub fn std(x: &[f64]) -> SampleStatistic {
     let SeriesMoments { n, std, .. } = summary(x);
     SampleStatistic { value: std, n }
@@ -92,9 +92,9 @@ pub fn rms(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: rms, n }
 }
 
-/// Lower bound, in metres, on the root mean square horizontal error with which the constant offset of a track can be
-/// estimated on a map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement
-/// has an independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
+/// Lower bound, in metres, on the root mean square horizontal error of an estimate of a track's constant offset from a
+/// map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement has an
+/// independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
 /// information J, the covariance of the slopes times n/σ². NaN if the slopes are constant or vary only along one line
 /// in the plane of `north` and `east`. [Cramér-Rao bound; Kay 1993, 3.7]
 ///
@@ -130,8 +130,8 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> SampleStatistic {
 /// The improvement ratio of compensation: σ(uncompensated)/σ(compensated) over the rows
 /// where both are finite. [van der Meer 2025, (2.40)]
 ///
-/// For band-passed signals, this is the band improvement ratio (2.41). The thesis divides by N in (2.39), which cancels
-/// in the ratio.
+/// For band-passed signals, this is the band improvement ratio (2.41). The thesis divides by N in (2.39); the divisor
+/// cancels in the ratio.
 pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> SampleStatistic {
     ratio_of_deviations(uncompensated, compensated)
 }
@@ -211,8 +211,8 @@ mod tests {
     #[test]
     fn law_a_small_deviation_on_a_large_field_is_kept() {
         let x: Vec<f64> = (0..100_000).map(|k| 50_000.0 + 1e-6 * f64::from(k % 2)).collect();
-        // Half of the samples are higher by 1e-6, so σ is 0.5e-6 up to the factor from the divisor n − 1. The spacing
-        // of doubles near 50,000 is 7e-12, so the error is 1e-5 of the result.
+        // Half of the samples are higher by 1e-6, so σ is 0.5e-6 except for a factor due to the divisor n − 1. The
+        // spacing of doubles near 50,000 is 7e-12, so the error is 1e-5 of the result.
         assert!((std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5, "{:e}", std(&x).value);
     }
 

@@ -9,7 +9,7 @@ pub enum DifferenceScheme {
     /// (x₊₁ − x₋₁)/2, second order; the ends are one-sided first differences.
     #[default]
     Central,
-    /// x − x₋₁; the first row repeats the second.
+    /// x − x₋₁; the first row repeats the second row.
     Backward,
     /// x₊₁ − x; the last row repeats the previous row.
     Forward,

@@ -2,10 +2,10 @@
 //!
 //! A filter is run forwards and then backwards over the samples, so that the phase cancels and the gain is squared. At
 //! a corner, where one pass has a gain of 1/√2, half of the amplitude remains. At each end the series is first extended
-//! by its odd reflection (the series rotated by half a turn about its end sample) of [`ZeroPhaseFilter::padding`]
-//! samples. Each pass starts in the steady state for its first sample, so that a constant series is constant from the
-//! first sample on. [Gustafsson 1996, "Determining the initial states in forward-backward filtering", IEEE Trans.
-//! Signal Processing 44(4)]
+//! by [`ZeroPhaseFilter::padding`] samples of its odd reflection (the series rotated by half a turn about its end
+//! sample). Each pass starts in the steady state for its first sample, so that the result for a constant series is
+//! constant from the first sample. [Gustafsson 1996, "Determining the initial states in forward-backward filtering",
+//! IEEE Trans. Signal Processing 44(4)]
 //!
 //! The padding is six samples per second-order section, as in MagNav.jl (24 for a band-pass of order 4, 12 for a low-
 //! or high-pass of order 4). scipy's `sosfiltfilt` does the same with `padlen=24`; its default of 27 changes the first
@@ -234,7 +234,7 @@ impl ZeroPhaseFilter {
         let mut head = reflection(values, columns, 0, (1..=padding).rev());
         let mut tail = reflection(values, columns, last, (1..=padding).map(|k| last - k));
         self.cascade.forwards(columns, [&mut head, values, &mut tail]);
-        // A value that is not finite remains in the recursion, and therefore appears in the last row.
+        // A value that is not finite remains in the recursion, so the last row is then not finite either.
         all_finite(&values[last * columns..], columns).or_else(|_| all_finite(values, columns))?;
         self.cascade.backwards(columns, [&mut tail, values, &mut []]);
         for (column, value) in kept {
@@ -267,12 +267,12 @@ fn all_finite(values: &[f64], columns: usize) -> Result<(), FilterError> {
     }
 }
 
-/// Columns whose values are all equal, with that value.
+/// Indices of the columns whose values are all equal, each with its value.
 fn constant_columns(values: &[f64], columns: usize) -> Vec<(usize, f64)> {
     let first = values.iter().copied().take(columns);
     let mut constant: Vec<(usize, f64)> = first.enumerate().collect();
     for row in values.chunks_exact(columns) {
-        // Varying columns are excluded within a few rows, so this is fast.
+        // Varying columns are excluded within a few rows, so the loop is short.
         constant.retain(|(column, value)| row[*column] == *value);
         if constant.is_empty() {
             break;

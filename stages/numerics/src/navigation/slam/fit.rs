@@ -95,7 +95,7 @@ impl TrackMeasurements {
             }
         };
         let cost = |logs: [f64; 3]| {
-            // The penalty prevents a constant likelihood beyond the clamp.
+            // Without the penalty, the likelihood would be constant beyond the limits of the length.
             let beyond = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * beyond
         };

@@ -4,15 +4,15 @@ use std::f64::consts::PI;
 
 use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 
-/// Target for the fraction of the variance that the basis omits, unless it requires more than the maximum number of
-/// functions.
+/// Target for the fraction of the variance that the basis omits. The fraction is larger if the target requires more
+/// than the maximum number of functions.
 const LACKING: f64 = 1e-4;
 /// Distance from the outermost sample to the boundary, in lengths of the kernel. The field is zero at the boundary,
 /// which reduces its variance at the outermost sample by k(4 l)/k(0), which is 0.5 % for the Matérn covariance with ν =
 /// 5/2.
 const MARGIN: f64 = 2.0;
 
-/// Function of the basis: the numbers of half waves eastward and northward, from 1 on.
+/// Function of the basis: the numbers of half waves eastward and northward, counted from 1.
 pub type HalfWaves = [usize; 2];
 
 /// Basis on the rectangle around the samples.
@@ -32,7 +32,7 @@ pub struct LaplacianBasis {
     pub scales_nt: Vec<f64>,
     /// Maximum numbers of half waves eastward and northward.
     pub most: HalfWaves,
-    /// Variance of shorter waves, in nT².
+    /// Variance of waves shorter than those of the basis, in nT².
     pub lacking_nt2: f64,
 }
 
@@ -120,7 +120,7 @@ fn beyond(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     }
 }
 
-/// Wavenumber above which this fraction of the variance lies.
+/// Wavenumber above which the fraction `part` of the variance lies.
 fn wavenumber_beyond(kernel: &AnomalyKernel, part: f64) -> f64 {
     let waves = match index(kernel.covariance) {
         None => -2.0 * part.ln(),
@@ -153,8 +153,8 @@ mod tests {
                     .map(|k| density(&kernel, k) * j0(k * r) * k * step / (2.0 * PI))
                     .sum();
                 let expected = kernel.anomaly_nt2(r * r);
-                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber; for its transform
-                // the fraction is larger.
+                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber; the transform omits
+                // a larger fraction.
                 assert!((sum - expected).abs() < 2e-3 * 900.0, "{covariance:?} {r}: {sum} {expected}");
             }
         }
@@ -167,7 +167,7 @@ mod tests {
             for most in [100, 4000] {
                 let basis = LaplacianBasis::new(&kernel, [-2000.0, 0.0], [2000.0, 3000.0], most);
                 assert!(basis.functions.len() <= most, "{} {most}", basis.functions.len());
-                // In the middle, where the effect of the boundary is negligible.
+                // A position in the middle, where the effect of the boundary is negligible.
                 let theta = [0, 1].map(|axis: usize| basis.angle(basis.middle_m[axis] + 11.0, axis));
                 let variance: f64 = basis
                     .functions

@@ -9,9 +9,9 @@ use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation}
 
 /// Maximum number of samples of a piece: computing time grows with the third power of this number.
 const MOST: usize = 100;
-/// Maximum number of pieces of each kind.
+/// Maximum number of pieces of each kind (neighbouring samples, or every fourth sample).
 const PIECES: usize = 5;
-/// Sample step in the longer pieces.
+/// Step between the used samples in the longer pieces.
 const COARSE: usize = 4;
 
 /// Pieces of a track, whose likelihoods are multiplied.
@@ -64,7 +64,7 @@ impl<'a> TrackPieces<'a> {
             AnomalyKernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
         };
         let cost = |logs: [f64; 3]| {
-            // The penalty prevents a constant likelihood beyond the clamp.
+            // Without the penalty, the likelihood would be constant beyond the limits of the length.
             let outside = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * outside
         };

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::basis::{LaplacianBasis, waves};
 
-/// Number of samples whose waves are in memory at the same time.
+/// Number of samples whose sines and cosines are in memory at the same time.
 const CHUNK: usize = 2048;
 
 /// Row of the normal equations for one sample.
@@ -112,7 +112,7 @@ fn add(to: &mut [f64], factor: f64, of: &[f64]) {
 /// Solution of the normal equations, with the factor of their matrix.
 pub struct TrackMapSolution {
     factor: faer::linalg::solvers::Llt<f64>,
-    /// Weights of the functions, with their scales, in nT.
+    /// Weights of the functions, multiplied by their scales, in nT.
     pub weights_nt: Vec<f64>,
     /// Weights of the additional columns.
     pub beside: Vec<f64>,

@@ -42,7 +42,7 @@ impl<'a> CoordinateDescent<'a> {
         &self.b
     }
 
-    /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 from the last solution.
+    /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 starting from the last solution.
     ///
     /// Sweeps activate terms; exact steps move active terms to the minimum or deactivate them.
     pub(super) fn run(&mut self, l1: f64, l2: f64, tolerance: f64, most_sweeps: usize) -> DescentResult {
@@ -148,8 +148,8 @@ impl<'a> CoordinateDescent<'a> {
         let slope = self.gradient.iter().zip(&self.b).map(|(g, b)| (g - l2 * b).abs());
         let steepest = slope.fold(0.0, f64::max);
         if l1 == 0.0 {
-            // Without a first-order penalty the dual is unbounded. Then ‖slope‖²/(2 l2) bounds the distance; for plain
-            // least squares, the decrement bounds it.
+            // Without a first-order penalty the dual is unbounded. The distance from the minimum is then bounded by
+            // ‖slope‖²/(2 l2); for plain least squares, by the decrement.
             return self.smooth_gap(l2) / self.squares;
         }
         let shrink = if steepest > l1 { l1 / steepest } else { 1.0 };
@@ -170,7 +170,7 @@ impl<'a> CoordinateDescent<'a> {
     }
 }
 
-/// Soft thresholding: moves `x` towards zero by `by`, at most to zero.
+/// Soft thresholding: reduces the magnitude of `x` by `by`, but not below zero.
 fn shrunk(x: f64, by: f64) -> f64 {
     (x.abs() - by).max(0.0).copysign(x)
 }

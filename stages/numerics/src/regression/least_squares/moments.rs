@@ -43,8 +43,8 @@ impl MomentsAccumulator {
         Ok(())
     }
 
-    /// Rows for the targets `chosen` alone, bit-identical to moments without the others. An index without a target is
-    /// ignored.
+    /// Accumulator for the targets `chosen` only, bit-identical to one that was filled with these targets only. An
+    /// index without a target is ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         Self { qr: self.qr.select(chosen), least: self.least.clone(), greatest: self.greatest.clone() }
     }
@@ -57,7 +57,7 @@ impl MomentsAccumulator {
     }
 }
 
-/// The triangular factor, and the residuals of the carried columns.
+/// The triangular factor, and the residual sums of squares of the carried columns.
 fn taken(mut triangle: QrTriangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
@@ -121,8 +121,8 @@ impl RegressionMoments {
         MomentsAccumulator::new(self.terms, self.targets).finish()
     }
 
-    /// Moments of the rows of both together. The last bits of the result depend on the order of merging: merge in the
-    /// order of the lines.
+    /// Moments of the rows of `self` and `other` together. The last bits of the result depend on the order of merging:
+    /// merge in the order of the lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for moments with a different number of terms or targets.
@@ -167,8 +167,8 @@ impl RegressionMoments {
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // The moments of the lines after each line are computed first. The moments of the lines before it follow within
-        // the loop.
+        // The moments of the lines after each line are computed first. The moments of the lines before each line are
+        // computed within the loop.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -183,7 +183,7 @@ impl RegressionMoments {
         Ok(others)
     }
 
-    /// The moments of some terms and targets alone, in the requested order.
+    /// The moments of a selection of terms and targets, in the requested order.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoSuch`] for an unknown term or target.
@@ -311,7 +311,7 @@ impl RegressionMoments {
         self.upper.chunks_exact(self.width()).skip(1).map(|row| row[column] * row[column]).sum()
     }
 
-    /// Residual statistics of `fit` for one target over these rows, (3.26), without reading a row.
+    /// Residual statistics of `fit` for one target over these rows (3.26), computed without reading a row.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, or with
@@ -437,13 +437,13 @@ impl LineScores {
 }
 
 /// Scores a list of candidates by omitting each line once. `fits` computes the candidates from the moments of all other
-/// lines, always the same number and from the simplest to the most complex.
+/// lines. It must always return the same number of candidates, from the simplest to the most complex.
 ///
 /// Runs in parallel (rayon), one line per task; the result does not depend on the number of threads.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows. Also returns the errors of
-/// [`RegressionMoments::leave_one_out`], `fits`, and of [`RegressionMoments::residuals`] for its candidates.
+/// [`RegressionMoments::leave_one_out`], of `fits`, and of [`RegressionMoments::residuals`] for the candidates.
 pub fn leave_line_out<F>(
     lines: &[RegressionMoments],
     target: usize,

@@ -17,18 +17,18 @@ struct PanelLanes([f64; LANES]);
 
 const ZERO: PanelLanes = PanelLanes([0.0; LANES]);
 
-/// Upper triangle of a QR factorisation, with the rows that are pending elimination.
+/// Upper triangle of a QR factorisation, and the rows that are not yet eliminated.
 #[derive(Debug, Clone)]
 pub(super) struct QrTriangle {
     width: usize,
-    /// Number of eliminated columns; the following columns are only carried.
+    /// Number of columns that are eliminated. The other columns (carried columns) are only transformed.
     pivots: usize,
     /// Residual sum of squares of each carried column.
     squares: Vec<f64>,
-    /// Panel of [`PANEL`] rows of `blocks` times eight columns, stored block by block.
+    /// Panel of [`PANEL`] rows and 8 `blocks` columns, stored in blocks of eight columns.
     panel: Vec<PanelLanes>,
     filled: usize,
-    /// `pivots` rows of `blocks` times eight columns.
+    /// Triangle of `pivots` rows and 8 `blocks` columns.
     r: Vec<PanelLanes>,
     reflector: Vec<f64>,
     next_reflector: Vec<f64>,
@@ -205,7 +205,7 @@ fn reflect_panel(t: &mut QrTriangle, column: usize) {
     std::mem::swap(&mut t.reflector, &mut t.next_reflector);
 }
 
-/// Subtracts `v` times `steps` from eight columns, and returns their inner products with `next`.
+/// Subtracts `v` times `steps` from eight columns, and returns the inner products of these columns with `next`.
 #[inline(always)]
 fn update(rows: &mut [PanelLanes], v: &[f64], steps: &PanelLanes, next: &[f64]) -> PanelLanes {
     // Two sums, over even and odd rows, keep the adders busy; their order is fixed.

@@ -5,7 +5,7 @@ use faer::Mat;
 use super::ridge::{self, RidgePath};
 use super::{LeastSquaresError, LinearFit, expect};
 
-/// The divisor of columns before a uniform penalty.
+/// The divisor by which each column is scaled before a uniform penalty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColumnScaling {
     /// No scaling: the columns unchanged.
@@ -19,9 +19,9 @@ pub enum ColumnScaling {
     MinMax,
 }
 
-/// The triangular factor of centred (optionally) and scaled columns, with their targets.
+/// The triangular factor of scaled and optionally centred columns, with the targets.
 ///
-/// Sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled units.
+/// The factor is sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled units.
 /// [`original`](Self::original) converts coefficients to the columns' own units.
 #[derive(Debug, Clone)]
 pub struct ScaledFactor {
@@ -113,7 +113,7 @@ impl ScaledFactor {
         Ok(z)
     }
 
-    /// The sum of squares of a target that no coefficients explain; NaN for an unknown target.
+    /// The part of the sum of squares of a target that no coefficients explain; NaN for an unknown target.
     pub fn unexplained(&self, target: usize) -> f64 {
         self.unexplained.get(target).copied().unwrap_or(f64::NAN)
     }
@@ -197,7 +197,7 @@ impl ScaledFactor {
     }
 
     /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖², where b are the coefficients of the scaled
-    /// columns. See van der Meer 2025 (2.31)-(2.32) and the column scaling β = b / s there.
+    /// columns. See van der Meer 2025, (2.31)-(2.32), and the column scaling β = b / s given with them.
     ///
     /// Coefficients, intercepts and covariances are in the units of the columns; singular values and condition number
     /// refer to the scaled matrix.

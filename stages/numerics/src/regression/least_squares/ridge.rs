@@ -4,9 +4,9 @@ use faer::Mat;
 
 use super::LeastSquaresError;
 
-/// A direction is not excited if its singular value is at most this fraction of the largest; all columns are first
-/// scaled to the same length. Rounding in a zero-phase filter over 50,000 nT gives dependent columns singular values of
-/// about 1e-13; real calibration flights have more than 1e-6.
+/// A direction is not excited if its singular value is at most this fraction of the largest singular value. All columns
+/// are first scaled to the same length. Rounding in a zero-phase filter over 50,000 nT gives dependent columns singular
+/// values of about 1e-13; real calibration flights have more than 1e-6.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
 /// A term is listed if its component in the directions without excitation is at least this large.
@@ -73,7 +73,7 @@ pub struct RidgePath {
     pub solutions: Vec<RidgeSolution>,
     /// Right singular vectors, row-major, one row per term.
     right: Vec<f64>,
-    /// The divisors of the columns before the decomposition.
+    /// The divisors by which the columns were scaled before the decomposition.
     scales: Vec<f64>,
 }
 
@@ -218,8 +218,8 @@ struct TermRank {
 
 /// Rank of the columns scaled to the same length, and the terms that reduce the rank.
 ///
-/// The component of a term in the directions without excitation is the diagonal of the projector onto them, which is
-/// independent of the basis of the decomposition.
+/// The component of a term in the directions without excitation is the term's diagonal entry of the projector onto
+/// these directions, which is independent of the basis of the decomposition.
 fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastSquaresError> {
     let p = factor.terms;
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();

@@ -1,4 +1,4 @@
-//! Small triangular system, for models that are solved repeatedly for a few terms.
+//! Small triangular system, for models that repeatedly solve for a few terms.
 
 use super::panel::QrTriangle;
 
