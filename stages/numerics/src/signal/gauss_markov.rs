@@ -15,7 +15,7 @@ impl GaussMarkov {
         (-dt_s / self.tau_s).exp()
     }
 
-    /// Variance that a step of `dt_s` adds, exactly: σ² (1 - exp(-2Δt/τ)).
+    /// Exact variance that a step of `dt_s` adds, σ² (1 - exp(-2Δt/τ)).
     pub fn step_variance(&self, dt_s: f64) -> f64 {
         -self.sigma * self.sigma * (-2.0 * dt_s / self.tau_s).exp_m1()
     }

@@ -47,7 +47,7 @@ pub struct SignalLag {
     /// Standard error, in seconds, if the part not common to both signals is white noise; a lower bound if that part is
     /// correlated.
     pub sd_s: f64,
-    /// The coefficient of correlation at the peak, -1 to 1.
+    /// The correlation coefficient at the peak, -1 to 1.
     pub correlation: f64,
     /// Ratio of the absolute values of the second highest and the highest peak; 0 without another peak. If the ratio is
     /// near 1, the lag is ambiguous, as for periodic signals.
@@ -95,7 +95,7 @@ pub fn lag_of(
     if all.iter().all(|p| p.r.is_nan()) {
         return Err(LagError::Constant);
     }
-    // If one of the two is constant at a lag, the correlation at this lag is undefined.
+    // If one of the two signals is constant over the pairs of a lag, the correlation at this lag is undefined.
     let size: Vec<f64> = all
         .iter()
         .map(|p| {
@@ -153,7 +153,7 @@ fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     }
     let [n, a, b, aa, ab, bb] = s;
     let (va, vb) = (aa - a * a / n, bb - b * b / n);
-    // The squares of a constant contain a rounding error.
+    // The sum of the squares of a constant contains a rounding error.
     let varies = |v: f64, squares: f64| v > 1e-13 * squares;
     let r = if n > 1.0 && varies(va, aa) && varies(vb, bb) { (ab - a * b / n) / (va * vb).sqrt() } else { f64::NAN };
     LagCorrelation { r, pairs: n as usize }
@@ -194,7 +194,7 @@ mod tests {
 
     const RATE_HZ: f64 = 10.0;
 
-    /// Waves of up to 1 Hz at any time, in seconds.
+    /// Sum of waves of up to 1 Hz at the time `t`, in seconds.
     fn waves(t: f64) -> f64 {
         let one = |(k, hz): (usize, f64)| (5.0 - k as f64) * (TAU * hz * t + 1.3 * k as f64).sin();
         [0.043, 0.127, 0.31, 0.57, 0.93].into_iter().enumerate().map(one).sum()

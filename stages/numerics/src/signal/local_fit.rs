@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 
 /// `values` smoothed at their times `tt_s` (s, ascending, evenly spaced or not), in the same unit. The result at each
 /// sample is the value of the parabola fitted by least squares to the samples within half of `window_s`. The weights
-/// are (1 - |u|³)³, where u is the distance divided by half of the window. Values on a parabola are unchanged. Samples
-/// are also unchanged for a window of 0, and if there are fewer than three other samples in the window. [Cleveland
-/// 1979; Fan & Gijbels 1996, chapter 3]
+/// are (1 - |u|³)³, where u is the distance in time divided by half of the window. Values on a parabola are unchanged.
+/// Samples are also unchanged for a window of 0, and if there are fewer than three other samples in the window.
+/// [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
 ///
 /// A value that is not finite makes all results within its window NaN.
 pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
@@ -37,7 +37,7 @@ fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usi
         // Values are relative to the sample itself, to preserve small changes of a large value.
         right += weight * (values[k] - values[i]) * terms;
     }
-    // Weights near 0 do not determine a parabola.
+    // If too many weights are near 0, the parabola is undetermined.
     let solved = normal.cholesky().map(|factor| factor.solve(&right).x);
     values[i] + solved.filter(|x| !x.is_infinite()).unwrap_or(0.0)
 }
@@ -57,7 +57,7 @@ mod tests {
         let x: Vec<f64> = tt.iter().map(|t| 45.0 + 1e-3 * (t - 50_005.0) - 2e-5 * (t - 50_005.0).powi(2)).collect();
         for window_s in [0.0, 0.15, 1.0, 5.0, 1000.0] {
             for (x, y) in x.iter().zip(smoothed(&tt, &x, window_s)) {
-                // Rounding of 45 is 7e-15, amplified by normal equations with a condition number of 1e4.
+                // The rounding error of 45 is 7e-15; normal equations with a condition number of 1e4 amplify it.
                 assert!((x - y).abs() < 1e-11, "{window_s}: {x} {y}");
             }
         }

@@ -28,7 +28,7 @@ pub fn solve_along_rows(table: &mut [f64], columns: usize) {
     }
 }
 
-/// Same as the function above, along one row of values.
+/// Same as [`solve_along_rows`], for a single series of values.
 pub fn solve(values: &mut [f64]) {
     solve_along_rows(values, 1);
 }

@@ -1,10 +1,10 @@
 //! Noise of a line: standard deviation and correlation time, as a white part and a first-order Gauss-Markov part.
 //!
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
-//! neighbouring intervals. It is independent of a constant offset, and gaps only end a run. The two returned parts are
-//! the smallest parts whose Allan variance is nowhere below the line's Allan variance, within the uncertainty of the
-//! line's Allan variance. Two parts cannot represent noise with more time scales, which is therefore overestimated and
-//! never underestimated.
+//! neighbouring intervals. The Allan variance is independent of a constant offset, and a gap only ends a run. The two
+//! returned parts are the smallest parts whose Allan variance is nowhere below the line's Allan variance, within the
+//! uncertainty of the line's Allan variance. Two parts cannot represent noise with more time scales. Such noise is
+//! therefore overestimated and never underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
 //! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
@@ -18,8 +18,8 @@ mod fit;
 
 pub use fit::{NoiseFitError, NoiseFitStatistic, fit};
 
-/// Approximate length of the blocks that are averaged, in seconds. Faster noise is estimated from the steps between
-/// samples.
+/// Approximate length, in seconds, of the blocks over which samples are averaged. Faster noise is estimated from the
+/// steps between samples.
 const BLOCK_S: f64 = 1.0;
 /// Minimum number of independent differences for the Allan variance of an interval.
 const LEAST_PAIRS: f64 = 3.0;
@@ -33,8 +33,9 @@ const FLOOR_NT: f64 = 0.01;
 pub struct LineNoiseModel {
     /// Standard deviation of the white part of each sample, in nT.
     pub white_nt: f64,
-    /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved. It is then at most
-    /// the length of the longest line, and only the growth 2 sigma²/tau is known.
+    /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved. The returned time is
+    /// then at most the length of the longest line, and only the growth of the variance with time, 2 sigma²/tau, is
+    /// known.
     pub lasting: GaussMarkov,
 }
 
@@ -108,9 +109,8 @@ pub struct AllanPoint {
     sampled: bool,
 }
 
-/// Allan variance of all lines together, for the step between samples and for intervals of 1, 2, 4, ... blocks,
-/// provided that three independent differences remain. All lines must have the same sample rate; the rate of the first
-/// is used.
+/// Allan variance of all lines together, for the step between samples and for intervals of 1, 2, 4, ... blocks, as long
+/// as there are three independent differences. All lines must have the same sample rate; the rate of the first is used.
 pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     let Some(first) = lines.first() else { return vec![] };
     let mut points = vec![];
@@ -148,7 +148,7 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
 pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
     let u = span_s / tau_s;
     if u < 1e-3 {
-        // The terms below cancel; their difference is 2u/3 - u²/2 + ...
+        // For small u the terms of the formula below cancel; the result is 2u/3 - u²/2 + ...
         return u * (2.0 / 3.0 - 0.5 * u);
     }
     2.0 / u * (1.0 - (3.0 - 4.0 * (-u).exp() + (-2.0 * u).exp()) / (2.0 * u))
@@ -177,7 +177,7 @@ pub fn noise(lines: &[BlockMeans]) -> Result<LineNoiseModel, NoiseError> {
     })
 }
 
-/// White and correlated variances that bound the Allan variance of the lines, and their excess over it.
+/// White and correlated variances whose Allan variance bounds that of the lines, and the mean ratio of the two.
 #[derive(Clone, Copy, Debug, Default)]
 struct AllanBound {
     white_nt2: f64,
@@ -185,10 +185,10 @@ struct AllanBound {
     excess: f64,
 }
 
-/// Variances that bound the points for one correlation time, with the smallest mean ratio to the points: a linear
-/// programme in two unknowns, whose solution is a vertex.
+/// Variances that bound the points for one correlation time and have the smallest mean ratio to the points. This is a
+/// linear programme in two unknowns, whose solution is a vertex.
 fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> AllanBound {
-    // For each point: the response to a unit of each part, the bound, and the reference.
+    // For each point: the Allan variance of each part with a variance of 1, the bound, and the value of the lines.
     let row = |p: &AllanPoint| {
         let lasting = match p.sampled {
             true => -(-p.span_s / tau_s).exp_m1(),

@@ -2,12 +2,12 @@
 //!
 //! Grid times are whole multiples of the step (`k / rate_hz`), from the first such time at or after the first sample to
 //! the last one at or before the last sample. They are identical for every sensor and flight, so that tables can be
-//! joined on them. Between samples that are more than `max_gap_s` apart, the grid holds NaN. A NaN sample counts as
-//! missing for its column only. Nothing is extrapolated. At a grid time within a millionth of a step of a sample, that
-//! sample is unchanged; a series that is already on the grid is therefore bit-identical.
+//! joined on them. Between samples that are more than `max_gap_s` apart, the grid holds NaN. A NaN counts as a missing
+//! sample in its column only. Nothing is extrapolated. At a grid time within a millionth of a step of a sample, the
+//! result is that sample, unchanged. A series that is already on the grid is therefore bit-identical after resampling.
 //!
-//! Interpolation to a lower rate aliases all components above half of the new rate to lower frequencies. It is the
-//! conventional resampling and the default; [`anti_alias()`] removes these components beforehand.
+//! Interpolation to a lower rate aliases all components above half of the new rate to lower frequencies. Such plain
+//! interpolation is conventional and the default; [`anti_alias()`] removes these components beforehand.
 
 mod akima;
 mod angle;
@@ -23,7 +23,7 @@ use params::choice;
 /// The maximum number of rows of a grid.
 pub const MOST_ROWS: usize = 50_000_000;
 
-/// Distance, as a fraction of a step, within which a grid time takes a sample unchanged.
+/// A sample is used unchanged at a grid time within this distance, as a fraction of a step.
 const SNAP: f64 = 1e-6;
 
 choice! {
@@ -71,7 +71,7 @@ pub enum ResampleError {
         last_s: f64,
         /// The rate, in Hz.
         rate_hz: f64,
-        /// The number of rows it would have.
+        /// The number of rows that the grid would have.
         rows: f64,
     },
     /// The times are so large that neighbouring grid times would be equal.
@@ -99,7 +99,7 @@ pub enum ResampleError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SamplePosition {
     left: usize,
-    /// 0 at the sample itself; NaN in a gap.
+    /// Fraction of the step; 0 at the sample `left`, NaN in a gap.
     weight: f64,
 }
 
@@ -134,8 +134,8 @@ impl<'a> ResamplePlan<'a> {
     }
 
     /// Plan for samples at the strictly increasing times `tt` (s), for resampling to the strictly increasing times
-    /// `grid`, which are about 1/`rate_hz` apart, with interpolation over gaps of up to `max_gap_s`. Grid times before
-    /// the first sample and after the last have NaN, as in a gap.
+    /// `grid`, which are about 1/`rate_hz` apart, with interpolation over gaps of up to `max_gap_s`. Results are NaN at
+    /// grid times before the first sample and after the last, as in a gap.
     ///
     /// # Errors
     /// Returns the errors of [`ResamplePlan::new`].
@@ -190,8 +190,8 @@ impl<'a> ResamplePlan<'a> {
         })
     }
 
-    /// Row of the nearest sample for each grid time, for columns that are not numbers; the earlier of two at equal
-    /// distance; `None` in gaps.
+    /// Row of the nearest sample for each grid time, for columns that are not numeric; the earlier of two samples at
+    /// equal distance; `None` in gaps.
     pub fn nearest_rows(&self) -> Vec<Option<usize>> {
         let row = |place: &SamplePosition| {
             let later = usize::from(place.weight > 0.5);
@@ -200,7 +200,8 @@ impl<'a> ResamplePlan<'a> {
         self.places.iter().map(row).collect()
     }
 
-    /// Interpolates among the finite samples of a column, including the effect of the column's own gaps.
+    /// Interpolates among the finite samples of a column. Samples that are not finite are skipped, which may create
+    /// further gaps.
     fn on_finite(
         &self,
         x: &[f64],
@@ -283,7 +284,7 @@ pub fn even_grid(first_s: f64, last_s: f64, rate_hz: f64) -> Result<Vec<f64>, Re
     Ok(inside.collect())
 }
 
-/// The position of each grid time among the times `tt`; both increase.
+/// The position of each grid time among the times `tt`. Grid times and `tt` increase.
 fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<SamplePosition> {
     let mut left = 0;
     let mut place = |time: f64| {

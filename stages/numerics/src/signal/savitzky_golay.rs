@@ -29,21 +29,21 @@ pub enum SavitzkyGolayError {
 /// The longest window, in samples.
 pub const MOST_WINDOW: usize = 10_001;
 
-/// Highest degree; above it the fit becomes inaccurate.
+/// Highest degree; with a higher degree the fit becomes inaccurate.
 const MOST_DEGREE: usize = 8;
 
-/// Savitzky-Golay weights of a window's samples, for each position in it.
+/// Savitzky-Golay weights of a window's samples, for each position in the window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
-    /// Weights for the positions 0 to 2 half, counted from the first sample of the window.
+    /// Weights for the positions 0 to 2 `half`, counted from the first sample of the window.
     weights: Vec<Vec<f64>>,
     half: usize,
     derivative: usize,
 }
 
 impl SavitzkyGolay {
-    /// Weights for the derivative of order `derivative` (0 for the value), per sample to that power, of the polynomial
-    /// of degree `degree` through `window` samples.
+    /// Weights for the derivative of order `derivative` (0 for the value) of the polynomial of degree `degree` through
+    /// `window` samples. The derivative is per sample, to the power `derivative`.
     ///
     /// # Errors
     /// Fails for a window that is even or not 3 to [`MOST_WINDOW`] samples, or for a degree that is above 8, not below
@@ -57,7 +57,7 @@ impl SavitzkyGolay {
             return Err(wrong);
         }
         let half = window / 2;
-        // In units of half the window, so that powers are at most 1.
+        // Positions are in units of half the window, so that their powers are at most 1.
         let place = |k: usize| (k as f64 - half as f64) / half as f64;
         let powers = DMatrix::from_fn(window, degree + 1, |row, power| place(row).powi(power as i32));
         let qr = powers.qr();
@@ -83,9 +83,9 @@ impl SavitzkyGolay {
         2 * self.half + 1
     }
 
-    /// Derivative at every sample of `x`, which must be finite and evenly sampled, in its unit per sample to the power
-    /// of the derivative. In the first and last half window, the derivative is that of the polynomial of the first and
-    /// last window. `None` for fewer samples than a window.
+    /// Derivative at every sample of `x`, which must be finite and evenly sampled. The result has the unit of `x` per
+    /// sample to the power `derivative`. In the first half window, the polynomial of the first window is used, and in
+    /// the last half window that of the last window. `None` for fewer samples than a window.
     pub fn apply(&self, x: &[f64]) -> Option<Vec<f64>> {
         let (n, window) = (x.len(), self.window());
         let last = n.checked_sub(window)?;
@@ -114,7 +114,7 @@ mod tests {
         {
             let ours = SavitzkyGolay::new(window, degree, derivative).unwrap().apply(&table["x"]).unwrap();
             let worst = ours.iter().zip(&table[name]).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
-            // The rounding error of 50,000 is 7e-12; the weights at the ends are at most some units.
+            // The rounding error of 50,000 is 7e-12; the weights at the ends have magnitudes of a few units at most.
             assert!(worst < 1e-9, "{name}: {worst:e}");
         }
     }

@@ -58,8 +58,8 @@ pub enum TimeError {
     },
 }
 
-/// Maximum deviation of a time step from the median, as a fraction of the median, for evenly spaced samples. It exceeds
-/// the rounding of times to a millisecond at 10 Hz and is well below a missing sample.
+/// Maximum deviation of a time step from the median, as a fraction of the median, for evenly spaced samples. The
+/// tolerance exceeds the rounding of times to a millisecond at 10 Hz and is well below the step of a missing sample.
 pub const STEP_TOLERANCE: f64 = 0.01;
 
 /// Minimum step of a gap, in median steps. Missing samples end a run but are not an error of the clock.
@@ -69,7 +69,7 @@ pub const GAP_STEPS: f64 = 1.5;
 ///
 /// # Errors
 /// Fails with [`TimeError::NotFinite`] for the first time that is not finite, otherwise with
-/// [`TimeError::NotIncreasing`] for the first that is not later than the previous one.
+/// [`TimeError::NotIncreasing`] for the first time that is not later than the previous one.
 pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
     if let Some(row) = tt.iter().position(|tt| !tt.is_finite()) {
         return Err(TimeError::NotFinite { row });
@@ -82,10 +82,11 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 
 /// The sample rate in Hz of times in seconds: one over the median step.
 ///
-/// Gaps of at least [`GAP_STEPS`] are allowed. Any other step may differ from the median by the fraction `tolerance`
-/// ([`STEP_TOLERANCE`] by default). A larger difference is rejected with its row, because a filter assumes even
-/// spacing. Logs with a coarse clock (20 ms samples stamped to the millisecond) need a larger tolerance or, better, a
-/// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed.
+/// Gaps of at least [`GAP_STEPS`] are allowed. Any other step may differ from the median by at most the fraction
+/// `tolerance` of the median (default [`STEP_TOLERANCE`]). A larger difference is rejected with its row, because a
+/// filter assumes even spacing. Logs with a coarse clock (20 ms samples stamped to the millisecond) need a larger
+/// tolerance or, better, a resampling first. The rounding of the times themselves (16 units in the last place) is
+/// always allowed.
 ///
 /// # Errors
 /// Returns the errors of [`check_increasing`]. Also fails with [`TimeError::TooShort`] for fewer than two samples, or
@@ -195,7 +196,7 @@ pub struct GapFilterReport {
 }
 
 impl GapFilterReport {
-    /// The number of rows of the line without a result.
+    /// The number of rows that have no result.
     pub fn left_out(&self) -> usize {
         self.short_rows + self.missing_rows
     }

@@ -59,7 +59,7 @@ pub struct PowerSpectrum {
     pub density: Vec<f64>,
     /// The number of segments that were averaged.
     pub segments: usize,
-    /// Number of segments excluded because a sample in them is not finite.
+    /// Number of segments that are excluded because they contain a sample that is not finite.
     pub left_out: usize,
 }
 
@@ -106,7 +106,8 @@ pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> 
     let power: f64 = taper.iter().map(|w| w * w).sum();
     let scale = 1.0 / (rate_hz * power * segments as f64);
     for (bin, density) in density.iter_mut().enumerate() {
-        // All bins represent two frequencies, except 0 Hz and, for an even number of samples, Nyquist.
+        // Every bin represents a positive and a negative frequency, except 0 Hz and, for an even number of samples, the
+        // Nyquist frequency.
         let sides = if bin == 0 || 2 * bin == segment { 1.0 } else { 2.0 };
         *density *= sides * scale;
     }

@@ -2,22 +2,23 @@
 //!
 //! Both searches process one run of finite samples and return a flag per sample; the caller decides how to treat the
 //! spikes. Their noise estimate is robust, 1.4826 times the median absolute deviation, and at least one step of the
-//! quantisation. That step is the smallest difference between neighbours that is more than rounding. Changes of the
-//! last digit of a quiet sensor are therefore not flagged as spikes. In a held, interpolated or coarse column, more
-//! than half of the deviations in a run may be at the level of rounding. The median is then computed from the other
-//! samples. Steps and corners of such a column are therefore not flagged, but larger deviations are. In a run that is
-//! constant except for its spikes, the noise cannot be estimated, and no spikes are found.
+//! quantisation. The step of the quantisation is the smallest difference between neighbours that exceeds the rounding
+//! error. Changes of the last digit of a quiet sensor are therefore not flagged as spikes. In a column with held,
+//! interpolated or coarse values, more than half of the deviations in a run may be mere rounding errors. The median is
+//! then computed from the other samples. Steps and corners of such a column are therefore not flagged, but larger
+//! deviations are. In a run that is constant except for its spikes, the noise cannot be estimated, and no spikes are
+//! found.
 
 use crate::regression::statistics::median;
 
-/// Ratio of the standard deviation of normal values to their median absolute deviation, 1/0.67449.
+/// Ratio of the standard deviation to the median absolute deviation for normally distributed values, 1/0.67449.
 const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
 
 /// The variance of the fourth difference of white noise of variance 1: 1 + 16 + 36 + 16 + 1.
 const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
 
 /// Upper bound of the rounding error of a fourth difference in double precision, for values of magnitude 1. The
-/// magnitudes of its coefficients add up to 16.
+/// magnitudes of the coefficients of a fourth difference add up to 16.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Maximum number of passes of the fourth difference.
@@ -51,14 +52,15 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
-/// Flags single samples of `x` by their fourth difference, divided by √70 so that its noise is the noise of `x`. Its
-/// magnitude must exceed `threshold` times its noise and the fourth differences at the two samples to either side.
+/// Flags single samples of `x` by their fourth difference, divided by √70 so that its noise is the noise of `x`. The
+/// magnitude of this quotient must exceed `threshold` times its noise, and must not be less than the magnitudes at the
+/// two samples to either side.
 ///
-/// A single sample with an error of `a` has 6 a/√70 = 0.72 a there; a smooth signal has almost none. A detected sample
-/// is replaced by the value of the cubic through its neighbours, and the search is repeated until no spike remains. Two
-/// neighbouring samples with a common error cannot be distinguished from their neighbours: use [`hampel`]. `x` must be
-/// finite and evenly sampled; the first and last two samples are not tested. Returns one entry per sample. [Reeves
-/// 1993, "Practical aeromagnetic surveys", on the fourth difference as a measure of noise]
+/// At a single sample with an error of `a` the quotient is 6 a/√70 = 0.72 a; for a smooth signal it is almost 0. A
+/// detected sample is replaced by the value of the cubic through its neighbours, and the search is repeated until no
+/// spike remains. Two neighbouring samples with a common error cannot be distinguished from their neighbours: use
+/// [`hampel`]. `x` must be finite and evenly sampled; the first and last two samples are not tested. Returns one entry
+/// per sample. [Reeves 1993, "Practical aeromagnetic surveys", on the fourth difference as a measure of noise]
 pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     let mut found = vec![false; x.len()];
     if x.len() < 5 {
@@ -66,7 +68,8 @@ pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     }
     let mut x = x.to_vec();
     let mut sizes = fourth_differences(&x);
-    // A corner also appears in the adjacent differences; the difference at the corner itself is the largest.
+    // A corner of the signal also appears in the adjacent differences, but the difference at the corner itself is the
+    // largest.
     let least = noise_of_run(&x, &sizes, |i| is_peak(&sizes, i));
     for _ in 0..MOST_PASSES {
         let above = |i: &usize| sizes[*i] > threshold * least && is_peak(&sizes, *i);
@@ -89,14 +92,15 @@ fn fourth_differences(x: &[f64]) -> Vec<f64> {
     x.windows(5).map(of).collect()
 }
 
-/// Whether no difference at the two samples to either side is larger.
+/// Whether the difference at `i` is at least as large as those at the two samples to either side.
 fn is_peak(sizes: &[f64], i: usize) -> bool {
     sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())].iter().all(|other| *other <= sizes[i])
 }
 
-/// Noise of a run, from its deviations. If most deviations are rounding errors, only rows with `counts` are used.
+/// Noise of a run, from its deviations. If most deviations are rounding errors, only rows for which `counts` is true
+/// are used.
 fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
-    // The median represents most values; the largest may be a spike.
+    // The rounding error is computed from the median magnitude, because the largest value may be a spike.
     let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());
     let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > rounding);
     let quantisation = steps.min_by(f64::total_cmp).unwrap_or(rounding);
@@ -194,7 +198,7 @@ mod tests {
     #[test]
     fn unit_the_last_digit_between_two_samples_is_not_a_spike() {
         // A quiet sensor with a resolution of 0.01 nT at 160 Hz, resampled to the times of another clock: a change of
-        // the last digit is divided between two samples in any proportion.
+        // the last digit may be divided between two samples in any proportion.
         let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {

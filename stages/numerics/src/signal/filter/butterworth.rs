@@ -31,8 +31,8 @@ pub enum FilterBand {
 impl FilterBand {
     /// Pass band between two corners, each of which may be `None`.
     ///
-    /// MagNav.jl drops an edge whose frequency is zero, negative or not below Nyquist. Here only `None` drops an edge;
-    /// the design rejects such a frequency.
+    /// MagNav.jl drops a corner whose frequency is zero, negative or not below Nyquist. Here only `None` drops a
+    /// corner, and the design rejects such a frequency.
     ///
     /// # Errors
     /// Fails with [`FilterError::NoCorner`] if both are `None`.
@@ -73,7 +73,7 @@ impl BiquadSection {
     /// Section that leaves its input unchanged.
     pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
-    /// Whether the numerator is the numerator of a band-pass, 1 − z⁻².
+    /// Whether the numerator is 1 − z⁻², as for a band-pass.
     pub(super) fn is_band(&self) -> bool {
         self.b1 == 0.0 && self.b2 == -1.0
     }
@@ -84,7 +84,7 @@ impl BiquadSection {
     }
 }
 
-/// Square root with a real part of at least zero, computed without the angle.
+/// Square root with a real part of at least zero, computed without the angle of `z`.
 fn square_root(z: Complex64) -> Complex64 {
     let norm = z.norm();
     let re = ((norm + z.re) / 2.0).max(0.0).sqrt();
@@ -92,7 +92,7 @@ fn square_root(z: Complex64) -> Complex64 {
     Complex64::new(re, im.copysign(z.im))
 }
 
-/// Analogue poles of one section: a conjugate pair, represented by its upper member, or real poles.
+/// Analogue poles of one section: a conjugate pair, represented by the pole in the upper half plane, or real poles.
 enum SectionPoles {
     Pair(Complex64),
     Real(f64, f64),
@@ -102,7 +102,7 @@ enum SectionPoles {
 /// Gain and sections of a Butterworth filter, with the poles nearest the origin first.
 pub(super) fn design(band: FilterBand, rate_hz: f64, order: usize) -> Result<(f64, Vec<BiquadSection>), FilterError> {
     check(band, rate_hz, order)?;
-    // Bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
+    // Bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2. A corner frequency becomes tan(π corner / rate).
     let warp = |corner_hz: f64| (PI * corner_hz / rate_hz).tan();
     let poles = match band {
         FilterBand::Low { high_hz } => low_pass(order, warp(high_hz)),
@@ -188,7 +188,7 @@ fn band_pass(order: usize, low: f64, high: f64) -> Vec<SectionPoles> {
     poles
 }
 
-/// Digital section of analogue poles s (z = (1 + s)/(1 − s)), and its factor 1/Π(1 − s).
+/// Factor 1/Π(1 − s) of the analogue poles s, and their digital section, by z = (1 + s)/(1 − s).
 fn section(poles: &SectionPoles, band: FilterBand) -> (f64, BiquadSection) {
     let (b1, b2) = match (band, poles) {
         (FilterBand::Low { .. }, SectionPoles::Single(_)) => (1.0, 0.0),
@@ -222,7 +222,7 @@ fn analogue_gain(band: FilterBand, order: usize, warp: &impl Fn(f64) -> f64) -> 
     width.powi(order as i32)
 }
 
-/// The stability triangle: both poles inside the unit circle.
+/// Whether both poles are inside the unit circle, by the stability triangle.
 fn stable(section: &BiquadSection) -> bool {
     section.a2.abs() < 1.0 && section.a1.abs() < 1.0 + section.a2
 }

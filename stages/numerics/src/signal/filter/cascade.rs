@@ -12,8 +12,8 @@ const LANES: usize = 8;
 /// Number of sections that share one pass over the samples: the state of these sections fits into the registers.
 const PER_PASS: usize = 4;
 
-/// Number of values of a matrix that are filtered before the next values are read. These values fit the second-level
-/// cache, from which the groups of columns are processed one at a time.
+/// Number of values of a matrix that are read and filtered together. They fit into the second-level cache while the
+/// groups of columns are processed one at a time.
 const PER_CHUNK: usize = 16_384;
 
 /// A gain, the sections of one pass, and their steady state for a constant input of 1.
@@ -110,7 +110,7 @@ impl<const BACKWARDS: bool> pulp::NullaryFnOnce for CascadeSweep<'_, BACKWARDS> 
     }
 }
 
-/// Runs all sections over some rows, eight columns at a time, and the remaining columns by four, two and one.
+/// Runs all sections over some rows, eight columns at a time, and the remaining columns four, two and one at a time.
 #[inline(always)]
 fn filter_chunk<const BACKWARDS: bool>(
     cascade: &BiquadCascade,
@@ -132,7 +132,7 @@ fn filter_chunk<const BACKWARDS: bool>(
     }
 }
 
-/// Position of a group of columns in a row and in the lanes of its state.
+/// Position of a group of columns in a row, and in the lanes of the group's state.
 #[derive(Clone, Copy)]
 struct ColumnLanes {
     columns: usize,

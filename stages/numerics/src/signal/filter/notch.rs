@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::{BiquadSection, FilterError, ZeroPhaseFilter, cascade::BiquadCascade};
 
-/// Alias of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0); it is from 0 to half of the rate.
+/// Alias frequency, from 0 to half of the rate, of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0).
 pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
     let turn = frequency_hz.rem_euclid(rate_hz);
     turn.min(rate_hz - turn)
@@ -22,8 +22,8 @@ impl ZeroPhaseFilter {
     /// w = 2 pi f / rate,    g = 1 / (1 + tan(pi width / rate))
     /// ```
     ///
-    /// The padding is the longer of six samples per section and the inverse of the width. A notch rings for about the
-    /// inverse of the width, so a part of the sinusoid remains within this time of each end.
+    /// The padding is six samples per section or the inverse of the width, whichever is longer. A notch rings for about
+    /// the inverse of the width, so a part of the sinusoid remains near each end, over about this time.
     ///
     /// # Errors
     /// Fails for a sample rate or width that is not a finite number above 0. Also fails with [`FilterError::NoCorner`]
@@ -73,7 +73,7 @@ mod tests {
             let filter = ZeroPhaseFilter::notches(frequencies, width_hz, 160.0).unwrap();
             let ours = filter.apply(&table["x"]).unwrap();
             let worst = ours.iter().zip(&table[name]).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
-            // Rounding of 50,000 nT (7e-12) in each section and sample.
+            // The limit exceeds the accumulated rounding of 50,000 nT (7e-12) in each section and sample.
             assert!(worst < 1e-8, "{name}: {worst:e} nT");
         }
     }
@@ -82,7 +82,8 @@ mod tests {
     fn law_the_gain_is_zero_at_the_frequency_half_at_half_of_the_width_and_one_for_a_constant() {
         let (rate_hz, width_hz) = (160.0, 2.0);
         let filter = ZeroPhaseFilter::notches(&[50.0], width_hz, rate_hz).unwrap();
-        // The bilinear transform preserves the width between the points of half amplitude, not their exact frequencies.
+        // The bilinear transform preserves the width between the two points of half amplitude, but shifts their
+        // frequencies slightly.
         let left = |hz: f64| {
             let wave = |k: i32| 10.0 * (TAU * hz * f64::from(k) / rate_hz).cos();
             let x: Vec<f64> = (-4000..=4000).map(|k| 50_000.0 + wave(k)).collect();

@@ -6,13 +6,13 @@ use thiserror::Error;
 use super::{BlockMeans, FLOOR_NT, LineNoiseModel, allan_variance, gauss_markov_allan};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// Number of trial correlation times, before the best is refined.
+/// Number of trial correlation times; the best of them is then refined.
 const TAUS: usize = 48;
-/// Number of updates of the weights from the fit.
+/// Number of times that the weights are recomputed from the fit.
 const ROUNDS: usize = 4;
 /// Minimum number of samples of a record.
 const LEAST_SAMPLES: usize = 64;
-/// Minimum duration of all runs together, and of the longest run, in correlation times.
+/// Minimum total duration of the runs, and minimum duration of the longest run, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
 /// The correlated part is significant if it reduces the deviance by at least this amount: the limit for three
 /// parameters at a level of 0.7 %.
@@ -65,7 +65,7 @@ struct NoiseFitPoint {
     white: f64,
     /// Lag or interval of the statistic, in seconds.
     span_s: f64,
-    /// Whether the statistic is of single samples at a lag instead of means over neighbouring intervals.
+    /// Whether the statistic is computed from single samples at a lag instead of means over neighbouring intervals.
     sampled: bool,
     value: f64,
     /// Number of independent squares.
@@ -89,7 +89,8 @@ impl NoiseFitPoint {
 /// The statistics of each lag or interval are fitted by maximum likelihood, as independent gamma variates. Their
 /// degrees of freedom are the number of separate pairs in the record. If the correlated part is not significant, its
 /// standard deviation is 0 and its correlation time is the step between samples. For a record of duration T, the
-/// relative error of the standard deviation is about √(τ/2T), and that of the correlation time about √(4τ/T).
+/// relative error of the standard deviation is about √(τ/2T), and the relative error of the correlation time is about
+/// √(4τ/T).
 ///
 /// Unlike [`noise`](super::noise), the result is a best fit and not a bound: noise with more than one time scale is
 /// partly missed. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
@@ -154,10 +155,11 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint
     points
 }
 
-/// Points with their number of independent squares for noise with these parts: the number of samples divided by the sum
-/// of the squared autocorrelations of the changes over a lag. For white noise, a change is correlated only with the two
-/// changes that share a sample (1 + 2/4). For the correlated part, changes are correlated over the lag (2/3 of it,
-/// because of the triangular shape), or over the correlation time if that is shorter.
+/// Points with the number of independent squares, if the noise has these parts. This number is the number of samples
+/// divided by the sum of the squared autocorrelations of the changes over a lag. For white noise, a change is
+/// correlated only with the two changes that share a sample (1 + 2/4). For the correlated part, changes are correlated
+/// over the lag (2/3 of it, because of the triangular shape), or over the correlation time if the correlation time is
+/// shorter.
 fn weighed(
     points: Vec<NoiseFitPoint>,
     parts: &NoiseFitVariances,
@@ -207,7 +209,7 @@ fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVa
     let tau = |i: usize| least_s * ratio.powi(i as i32);
     let deviances: Vec<f64> = (0..TAUS).map(|i| of(tau(i)).deviance).collect();
     let at = (0..TAUS).min_by(|a, b| deviances[*a].total_cmp(&deviances[*b])).unwrap_or(0);
-    // Golden-section search between its neighbours.
+    // Golden-section search between the neighbours of the best trial time.
     let golden = 0.5 * (5f64.sqrt() - 1.0);
     let (mut low, mut high) = (tau(at.saturating_sub(1)).ln(), tau((at + 1).min(TAUS - 1)).ln());
     for _ in 0..30 {
@@ -243,7 +245,7 @@ fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> N
         }
         let determinant = aa * bb - ab * ab;
         (white, other) = ((bb * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant);
-        // Variances are not negative; a response equal to the white one is not a separate part.
+        // Variances are not negative; a part whose response equals that of white noise is not a separate part.
         if determinant <= 1e-12 * aa * bb || other < 0.0 {
             (white, other) = (ay / aa, 0.0);
         } else if white < 0.0 {

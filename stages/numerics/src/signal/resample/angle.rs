@@ -25,7 +25,7 @@ impl AngleRange {
             Self::Signed if degrees > -180.0 && degrees <= 180.0 => degrees,
             Self::Full if (0.0..360.0).contains(&degrees) => degrees,
             Self::Signed => -wrap_deg(-degrees),
-            // The remainder of a small negative angle rounds up to 360.
+            // The remainder of a very small negative angle may round up to 360.
             Self::Full => match degrees.rem_euclid(360.0) {
                 whole if whole >= 360.0 => 0.0,
                 angle => angle,

@@ -1,4 +1,4 @@
-//! The low-pass before a resampling to a lower rate.
+//! Low-pass filter that precedes resampling to a lower rate.
 
 use crate::signal::filter::{FilterBand, FilterError, ZeroPhaseFilter};
 use crate::signal::segments::{GapFilterReport, RowMask, STEP_TOLERANCE, TimeError, filter_column, sample_rate};
