@@ -174,7 +174,7 @@ mod tests {
 
     #[test]
     fn law_a_constant_vector_has_permanent_and_induced_terms_only() {
-        // (20, -10, 20) uT: 30 uT with the cosines 2/3, -1/3, 2/3; divided by the scale 0.4, -0.2, 0.4.
+        // (20, -10, 20) uT is 30 uT long, with the cosines 2/3, -1/3, 2/3. Divided by the scale: (0.4, -0.2, 0.4).
         let (names, values) = made(&a_matrix(&ALL), [20_000.0; 3]);
         let permanent = [("x", 2.0 / 3.0), ("y", -1.0 / 3.0), ("z", 2.0 / 3.0)];
         let mixed = [("xx", 0.8 / 3.0), ("xy", -0.4 / 3.0), ("xz", 0.8 / 3.0)];
@@ -196,7 +196,7 @@ mod tests {
     fn law_eddy_terms_are_cosines_times_scaled_rates() {
         let (names, values) = made(&a_matrix(&ALL), [19_600.0, 20_000.0, 20_300.0]);
         let at = |row: usize, name: &str| values[row * names.len() + names.iter().position(|n| n == name).unwrap()];
-        // One-sided, central over two samples, one-sided.
+        // The differences are one-sided, central and one-sided.
         assert_eq!([0, 1, 2].map(|row| at(row, "x_dot")), [400.0, 350.0, 300.0]);
         // 350 nT divided by 50,000 nT: 0.007.
         for (name, expected) in [("xx_dot", 0.014 / 3.0), ("yx_dot", -0.007 / 3.0), ("zx_dot", 0.014 / 3.0)] {
@@ -213,7 +213,7 @@ mod tests {
         let (names, values) = made(&modified, [20_000.0, f64::NAN, 20_000.0]);
         assert_eq!(names, ["x", "y", "z", "xx", "yy", "zz"], "the groups are in the order of the model");
         for row in [&values[..6], &values[12..]] {
-            // (20, -10, 20) divided by 40, and that times (0.4, -0.2, 0.4).
+            // (20, -10, 20) divided by 40, and the quotient times (0.4, -0.2, 0.4).
             let expected = [0.5, -0.25, 0.5, 0.2, 0.05, 0.2];
             assert!(row.iter().zip(expected).all(|(found, expected)| near(*found, expected)), "{row:?}");
         }

@@ -6,7 +6,7 @@ use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
 use schemas::{Column, ColumnType, Fault, RateDependence, Role, Table, TableShape};
 use std::sync::Arc;
 
-/// Values of a column of numbers, borrowed.
+/// Values of a numeric column, borrowed.
 ///
 /// # Errors
 /// Fails if the column is missing or does not hold numbers.
@@ -64,7 +64,7 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &RateDependence) -> Result<f6
 /// Rate dependence of the entries of a list column. If an entry depends on the rate, the rate in Hz is included.
 ///
 /// # Errors
-/// Fails if the column is missing, or its rate is needed and unknown.
+/// Fails if the column is missing, or if its rate is needed but unknown.
 pub fn sampling(batch: &RecordBatch, name: &str) -> Result<RateDependence, Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -79,7 +79,8 @@ pub fn sampling(batch: &RecordBatch, name: &str) -> Result<RateDependence, Fault
 /// on the rate.
 ///
 /// # Errors
-/// Fails if the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that rate.
+/// Fails for an entry that depends on the rate, if the model's rate is unknown or the entry has no equivalent at that
+/// rate.
 pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
     let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
     let Some(to_hz) = to_hz else {
@@ -154,7 +155,8 @@ pub fn not_numbers_among(shape: &TableShape, names: &[String], param: &str) -> V
     faults
 }
 
-/// Columns `<name><suffix>`, each computed from one of `names` and the time. `unit` maps the unit of the source.
+/// Columns `<name><suffix>`, each computed from one of `names` and the time. `unit` returns the unit of the new column
+/// for the unit of its source.
 pub fn made_of_each(
     shape: &TableShape,
     names: &[String],
@@ -207,7 +209,7 @@ pub fn faults_of<T>(checks: impl IntoIterator<Item = Result<T, Fault>>, param: &
     checks.into_iter().filter_map(Result::err).map(|f| f.of_param(param)).collect()
 }
 
-/// Fault of the data with the text of an error.
+/// Fault of the data whose message is the text of an error.
 pub fn data(e: impl std::fmt::Display) -> Fault {
     Fault::data(e.to_string())
 }

@@ -125,7 +125,8 @@ impl Stage for Compensate {
         let rate = shape.get(RATE).map(|_| RATE);
         let of_model: Vec<&str> = ["term", "value"].into_iter().chain(rate).collect();
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
-        // The prediction of a model of the anomaly or the total field includes all corrections.
+        // If the model predicts the anomaly or the total field, `mag_c` is a total field to which no correction was
+        // applied.
         let removed =
             if self.predicts == PredictedQuantity::Aircraft { had(lines, &self.mag) } else { CorrectionSet::new() };
         let mut columns = vec![
@@ -265,7 +266,7 @@ mod tests {
         [tl, Column::float("cur_1", "A", "")].into_iter().chain(plain).collect()
     }
 
-    /// Three samples, the last without a term.
+    /// Three samples; in the last one, a term is missing.
     fn line() -> LineInput {
         let arrays = vec![
             list(vec![1.0, 10.0, 2.0, 20.0, 3.0, f64::NAN], 2).unwrap(),
@@ -279,7 +280,7 @@ mod tests {
         LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
-    /// 3 y - 2 cur_1 + 40, and the residual noise of the fit.
+    /// The model 3 y - 2 cur_1 + 40, and the residual noise of its fit.
     fn model() -> RecordBatch {
         let terms: ArrayRef = Arc::new(StringArray::from(vec!["y", "cur_1", "intercept"]));
         let numbers = [("residual_sigma", 0.5), ("residual_fogm_sigma", 3.0), ("residual_fogm_tau", 120.0)];

@@ -15,8 +15,8 @@ fn all_had(shape: &TableShape, readings: &[String], correction: MagneticCorrecti
     each.all(|other| other == first).then_some(first)
 }
 
-/// Whether a stage corrects its readings: `given` if set, otherwise `default`, provided that no reading has already had
-/// the correction.
+/// Whether a stage corrects its readings: `given` if set. Otherwise `default`, but false if any reading already has the
+/// correction.
 pub fn corrects(
     shape: &TableShape,
     readings: &[String],
@@ -27,7 +27,7 @@ pub fn corrects(
     given.unwrap_or(default && all_had(shape, readings, correction) == Some(false))
 }
 
-/// Key of a correction, and the setting that switches it off.
+/// Key of a correction, and the setting that switches the correction off.
 pub type CorrectionKey = (&'static str, &'static str);
 /// Key `remove_core`.
 pub const REMOVE_CORE: CorrectionKey = ("remove_core", "set `remove_core = false`");
@@ -69,8 +69,8 @@ pub fn note(
     skipped.then(|| format!("{correction} has already been removed from {} and is not removed again", names()))
 }
 
-/// Corrections of the value of an expression: those of its terms, and those that a subtraction in the expression
-/// applies.
+/// Corrections that the value of an expression has had: those of its terms, and those that a subtraction in the
+/// expression applies.
 ///
 /// The difference of two readings at the same time contains neither core field nor diurnal variation.
 pub fn of_expression(expression: &Expression, shape: &TableShape) -> CorrectionSet {

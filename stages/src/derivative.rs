@@ -54,7 +54,7 @@ choice! {
     }
 }
 
-/// Differentiator of a run, per sample.
+/// Differentiator of a run; its result is per sample.
 enum Differentiator {
     Central,
     Fitted(SavitzkyGolay),
@@ -92,7 +92,7 @@ impl Derivative {
 fn per_second(unit: &str) -> String {
     match unit {
         "" => "1/s".to_owned(),
-        // The usual spelling, if it exists.
+        // The usual spelling of the unit.
         "m/s" => "m/s2".to_owned(),
         other => format!("{other}/s"),
     }

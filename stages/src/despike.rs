@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn unit_corners_of_an_interpolated_variation_are_no_spikes() {
-        // The earth's variation minute by minute in tenths of a nanotesla, at 10 Hz.
+        // A diurnal variation with one value per minute, rounded to 0.1 nT and interpolated to 10 Hz.
         let minute = |k: usize| ((30.0 * (0.01 * k as f64).sin() + 4.0 * (0.7 * k as f64).cos()) * 10.0).round() / 10.0;
         let value = |i: usize| minute(i / 600) + (minute(i / 600 + 1) - minute(i / 600)) * (i % 600) as f64 / 600.0;
         let tt = sampled(0.0, 10.0, 36_000, |t| t);

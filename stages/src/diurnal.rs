@@ -82,7 +82,7 @@ const PLACE: [&str; 2] = ["lat", "lon"];
 const NEAREST_M: f64 = 1.0;
 
 impl Diurnal {
-    /// The position columns of the line; none if it has no position.
+    /// The position columns of the line; empty if the line has no position.
     fn position_of(&self, input: &TableShape) -> &'static [&'static str] {
         let columns: &'static [&'static str] = match self.position {
             PositionSource::Truth => &["lat", "lon"],
@@ -312,7 +312,7 @@ mod tests {
         RecordBatch::try_from_iter([("flight", flight)].into_iter().chain(names)).unwrap()
     }
 
-    /// A record by the minute, of whole days of 2020 from `doy` on.
+    /// A record with one value per minute, over whole days of 2020 from `doy` on.
     fn record(station: &str, doy: f64, days: usize, lat: f64, of: impl Fn(f64) -> f64) -> RecordBatch {
         let t = sampled(0.0, 1.0 / 60.0, 1440 * days, |t| t);
         let each = |f: &dyn Fn(f64) -> f64| t.iter().map(|t| f(*t)).collect::<Vec<_>>();

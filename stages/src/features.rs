@@ -111,7 +111,7 @@ enum FeatureDefinition {
     Slope(AnomalySlopeModel),
 }
 
-/// `mag_2_3_uc` as `mag_2_uc` and `mag_3_uc`.
+/// Splits the name of a difference: `mag_2_3_uc` becomes `mag_2_uc` and `mag_3_uc`.
 fn gradient(name: &str) -> Option<(String, String)> {
     let (middle, kind) = name.strip_prefix("mag_")?.rsplit_once('_')?;
     let (one, other) = middle.split_once('_')?;
@@ -139,7 +139,7 @@ impl FeatureDefinition {
         }
     }
 
-    /// Dependence of a feature on the sample rate; `None` without such a dependence.
+    /// Dependence of a feature on the sample rate; `None` if there is none.
     fn law(&self, name: &str) -> Option<RateLaw> {
         match self {
             FeatureDefinition::Difference(_, DifferenceScheme::Fourth) => Some(RateLaw::Difference(4)),
@@ -231,7 +231,7 @@ impl Features {
 
     fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<FeatureDefinition> {
         let plain = || vec![FeatureDefinition::Plain(name.to_owned())];
-        // A column of that name takes precedence, because a recorded value is not computed again.
+        // An existing column of that name takes precedence, so a recorded value is not computed again.
         if has(name) {
             return plain();
         }

@@ -191,7 +191,7 @@ lambda = 0.025
     allow_truth: bool, unit "", default false;
 }
 
-/// Entry of the catalogue, with `models` to choose from.
+/// Catalogue entry of the stage, with `models` as the permitted values of `model`.
 pub fn entry(models: Vec<&'static FitModelDecl>) -> StageEntry {
     let kinds = models.iter().map(|model| model.document()).collect();
     StageEntry { kinds, ..Fit::entry_with(ChoiceRegistry::default().with(models)) }
@@ -293,7 +293,7 @@ impl Fit {
 }
 
 impl Fit {
-    /// Note about errors of coefficients that are not computed, because the fit has too many terms.
+    /// Note that the standard deviations of the coefficients are not computed, if the fit has too many terms.
     fn too_wide_for_errors(&self, shape: &TableShape) -> Option<String> {
         let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
         let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();
@@ -306,7 +306,7 @@ impl Fit {
     }
 }
 
-/// Fault of the model of `warm_start`.
+/// Fault if `warm_start` or `model` is not a network.
 fn warm_start_faults(model: &ChoiceSelection<FitModelDecl>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
         Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no column `term`".to_owned(),

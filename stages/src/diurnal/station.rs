@@ -13,7 +13,7 @@ use crate::{columns::data, dates::DAY_S};
 #[derive(Debug)]
 pub struct Station {
     pub(super) name: String,
-    /// Earth-centred position, in metres. `None` if the record has none.
+    /// Earth-centred position, in metres. `None` if the record has no position.
     pub(super) place_m: Option<[f64; 3]>,
     /// Seconds from midnight of the day [`Stations::first_day`], ascending.
     pub(super) t_s: Vec<f64>,
@@ -39,7 +39,7 @@ impl Station {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // A value that is in two overlapping files counts once.
+        // A value that occurs in two overlapping files counts once.
         rows.dedup_by(|b, a| a == b);
         if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let time_s = pair[0].0.rem_euclid(DAY_S);
