@@ -18,8 +18,8 @@
 //!
 //! [`train`] minimises a negative log-likelihood ([`NoiseLoss`]): either that of the innovations, which requires no
 //! truth, or that of the true position. Derivatives are propagated back through the layer and through the filter, by
-//! the adjoint of its recursion. With x̄ and P̄ the derivatives with respect to state and covariance after an update, b
-//! = P Hᵀ, and L the loss of the sample:
+//! the adjoint of its recursion. Let x̄ and P̄ be the derivatives with respect to state and covariance after an update,
+//! b = P Hᵀ, and L the loss of the sample. The recursion is
 //!
 //! ```text
 //! s̄ = (bᵀ P̄ b − v bᵀ x̄)/s² + ∂L/∂s       v̄ = bᵀ x̄/s + ∂L/∂v       b̄ = −2 P̄ b/s + x̄ v/s + Hᵀ s̄

@@ -110,8 +110,8 @@ pub struct FluxgateEstimate {
 #[derive(Clone, Debug, Default)]
 pub struct OnlineOutput {
     /// Estimated track. `residual_nt` is the residual of the first magnetometer that is used at a sample. `nis` is the
-    /// mean over the magnetometers that were used or gated; their sum is the joint squared innovation over its
-    /// covariance. A sample counts as an update if any magnetometer is used; the offset is the offset of the first
+    /// mean NIS of the magnetometers that were used or gated. The sum of these NIS is the joint squared innovation over
+    /// its covariance. A sample counts as an update if any magnetometer is used; the offset is the offset of the first
     /// magnetometer.
     pub navigation: NavigationOutput,
     /// Estimates of the magnetometers, in the order of the magnetometers.

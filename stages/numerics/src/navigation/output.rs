@@ -19,8 +19,8 @@ pub struct NavigationReport {
     pub gated: usize,
     /// Offset subtracted from every measurement, in nT.
     pub offset_nt: f64,
-    /// Number of samples averaged for the offset. Zero although a window is set means that no sample in the window had
-    /// both a measurement and a map value; nothing was then subtracted.
+    /// Number of samples averaged for the offset. If this is zero although a window is set, no sample in the window had
+    /// both a measurement and a map value, and nothing was subtracted.
     pub offset_samples: usize,
 }
 

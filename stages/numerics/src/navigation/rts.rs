@@ -43,8 +43,8 @@
 //! # Irregularities
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: not used, `residual` and `nis` are NaN;
-//! - a linearisation point off the map or in an unknown cell: as above, for that pass. J of two trajectories is
-//!   compared over the measurements that have a map value on both;
+//! - a linearisation point off the map or in an unknown cell: the measurement counts as missing in that pass. J of two
+//!   trajectories is compared over the measurements that have a map value on both;
 //! - a flat map: without a core field, only S is estimated; with one, the slope of the core field also corrects the
 //!   position;
 //! - an INS value that is not finite, time that does not ascend, a state or variance that is not finite, or a negative
@@ -82,7 +82,7 @@ const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// A first trajectory is poor if its J per measurement exceeds this; normally distributed residuals give 0.5.
+/// A first trajectory is poor if its J per measurement exceeds this value; normally distributed residuals give 0.5.
 const POOR_COST: f64 = 1.0;
 /// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;
@@ -194,7 +194,7 @@ struct RtsTrajectory {
     x: Vec<StateVector>,
     /// Field along the trajectory, where a measurement and a map value exist.
     fields: Vec<Option<FieldValue>>,
-    /// Twice the part of J from the initial state and the process noise.
+    /// Twice the part of J that is due to the initial state and the process noise.
     motion: f64,
 }
 
@@ -225,7 +225,8 @@ struct RtsSmoother<'a> {
 }
 
 impl RtsSolution {
-    /// Size of the step from a trajectory with this motion, from the curvature of the linear problem.
+    /// Size, in standard deviations, of the step to this solution from a trajectory whose motion term of J is
+    /// `motion`/2. It follows from the curvature of the linear problem.
     fn step_sigmas(&self, motion: f64) -> f64 {
         let moved = motion - 2.0 * self.motion_with_last + self.motion;
         (moved + self.measured_step).max(0.0).sqrt()
@@ -345,7 +346,7 @@ impl<'a> RtsSmoother<'a> {
         RtsCandidate { trajectory, rise }
     }
 
-    /// Largest change of a position from the trajectory to another, in metres.
+    /// Largest change of a position from the present trajectory to another, in metres.
     fn step_m(&self, to: &[StateVector]) -> f64 {
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut largest_m2 = 0.0_f64;

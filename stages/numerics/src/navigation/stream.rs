@@ -29,7 +29,7 @@
 //! - The bias of a vector magnetometer ([`online::Fluxgate`](crate::navigation::online::Fluxgate)) and the further
 //!   measurements of [`aids`](crate::navigation::aids) are not available in a stream.
 //! - The terms of a whole line use central differences, which need the next sample. A caller that computes terms in
-//!   flight must delay each sample by one, or use one-sided differences with other coefficients.
+//!   flight must delay its samples by one sample, or use one-sided differences with other coefficients.
 //!
 //! # Cost
 //!
@@ -340,19 +340,19 @@ impl FilterStream {
         StreamEstimate::from_output(self.output(), self.window[0][1])
     }
 
-    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` in the cases
-    /// of [`FilterStream::estimate`].
+    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` if
+    /// [`FilterStream::estimate`] is `None`.
     pub fn states(&self) -> Option<&StateVector> {
         self.output().x.first()
     }
 
-    /// Covariance of the error states after the last sample; `None` in the cases of [`FilterStream::estimate`].
+    /// Covariance of the error states after the last sample; `None` if [`FilterStream::estimate`] is `None`.
     pub fn covariance(&self) -> Option<&StateMatrix> {
         self.output().p.first()
     }
 
-    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, for an invalid index, and in the cases of
-    /// [`FilterStream::estimate`].
+    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, for an invalid index, and if
+    /// [`FilterStream::estimate`] is `None`.
     pub fn magnetometer(&self, place: usize) -> Option<MagnetometerEstimate> {
         self.kind.filter().magnetometer(place)
     }
@@ -396,8 +396,8 @@ impl FilterStream {
         Ok(())
     }
 
-    /// Visits the whole state. Returns the field at the last position after the visit, in nT: the stored field if the
-    /// visitor reads a saved state.
+    /// Visits the whole state. Returns the field at the last position, in nT. If the visitor reads a saved state, this
+    /// is the stored field.
     fn visit(&mut self, state: &mut dyn StateVisitor) -> f64 {
         let mut field_nt = self.field_nt();
         self.window.iter_mut().for_each(|pair| state.numbers(pair));

@@ -89,7 +89,8 @@ pub struct TrackMapParameters {
     /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means no
     /// temporal variation.
     pub temporal: (f64, f64),
-    /// Standard deviation of the constant of each line, in nT; 0 means no constant. A single line has no constant.
+    /// Standard deviation of the constant of each line, in nT; 0 means no constant. If there is only one line, it has
+    /// no constant.
     pub line_sigma_nt: f64,
     /// Maximum number of functions of the basis. Computing time grows with the third power of this number.
     pub most_functions: usize,
@@ -131,8 +132,8 @@ pub enum TrackMapError {
 pub struct TrackMapReport {
     /// Kernel of the map.
     pub kernel: AnomalyKernel,
-    /// Whether the kernel was fitted. False after a requested fit means that the track is too short or its measurements
-    /// are constant; the given kernel was then used.
+    /// Whether the kernel was fitted. If this is false although a fit was requested, the track is too short or its
+    /// measurements are constant. The given kernel was then used.
     pub fitted: bool,
     /// Number of measurements.
     pub samples: usize,

@@ -1,7 +1,7 @@
 //! Discrete steps of the continuous error model: Φ = exp(F Δt) and the process noise.
 //!
 //! All functions are inlined into the filter's loop, which is compiled for each vector instruction set. Products and
-//! sums are not fused, so the results with all instruction sets are bit-identical.
+//! sums are not fused, so the results are bit-identical for all instruction sets.
 
 use params::choice;
 

@@ -51,9 +51,9 @@ use params::{Fault, Rule, obeys};
 /// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate. The mean of the field and the
 /// gain are then correct to the fourth moment of every direction. The computed variance of the field's second-order
 /// part is (5 + 4 β)/8 of the true variance on average over fields whose curvature has no preferred direction. β = 3/4
-/// gives the true variance. The usual β = 2 is cautious, which has no effect where the map is linear, and fewer filters
-/// diverge from a very uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second
-/// derivatives (along the directions of the points) is exact instead.
+/// gives the true variance. The usual β = 2 overestimates this variance. This has no effect where the map is linear,
+/// and fewer filters diverge from a very uncertain start. With κ = −1 and β = 1 the variance of a quadratic field
+/// without mixed second derivatives (along the directions of the points) is exact instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UkfParameters {
     /// α of the scaled unscented transform, a factor on the distance of the points; above 0.

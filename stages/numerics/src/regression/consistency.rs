@@ -76,9 +76,9 @@ pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic 
     SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// Autocorrelation of `x`, without subtracting the mean, at a lag in samples, divided by the mean square of `x`; with
-/// the number of pairs. Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a
-/// series of zeros.
+/// Autocorrelation of `x` at a lag in samples, divided by the mean square of `x`, and the number of pairs. The mean is
+/// not subtracted. Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a series
+/// of zeros.
 pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
     let pairs = products().count();

@@ -28,7 +28,7 @@ pub struct ElasticNetOptions {
     pub scaling: ColumnScaling,
     /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,
-    /// The solution for an α is accepted if its duality gap, as a fraction of ‖y‖², is at most this.
+    /// The solution for an α is accepted if its duality gap, as a fraction of ‖y‖², is at most this value.
     pub tolerance: f64,
     /// The maximum number of sweeps over the terms for one α.
     pub sweeps: usize,

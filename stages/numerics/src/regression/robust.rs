@@ -32,9 +32,9 @@ pub enum ResidualLoss {
 pub enum ResidualScaleEstimator {
     /// The median of |r| divided by 0.6745, recomputed in each pass, as in statsmodels' `RLM`.
     Mad,
-    /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z² for
-    /// |z| up to ε and 2 ε |z| − ε² beyond, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t: the
-    /// most likely σ.
+    /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z² up to
+    /// the threshold ε and 2 ε |z| − ε² beyond, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t:
+    /// the most likely σ.
     Joint,
     /// A given value, in the unit of the target.
     Fixed(f64),

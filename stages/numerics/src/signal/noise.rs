@@ -3,7 +3,7 @@
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
 //! neighbouring intervals. The Allan variance is independent of a constant offset, and a gap only ends a run. The two
 //! returned parts are the smallest parts whose Allan variance is nowhere below the line's Allan variance, within the
-//! uncertainty of the line's Allan variance. Two parts cannot represent noise with more time scales. Such noise is
+//! uncertainty of the line's Allan variance. Two parts cannot represent noise with further time scales. Such noise is
 //! therefore overestimated and never underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo

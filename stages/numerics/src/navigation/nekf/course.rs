@@ -204,7 +204,7 @@ impl<'a> LineCourse<'a> {
     }
 
     /// Derivatives of the summed loss of a window with respect to the weights. The state before the window, the inputs
-    /// of the network, the rows of H and the curvature of the map are constants.
+    /// of the network, the rows of H and the curvature of the map are treated as constants.
     pub(super) fn backward(&self, network: &NoiseNetwork, loss: NoiseLoss, tape: &[SampleTape]) -> Vec<f64> {
         let mut gradient = vec![0.0; network.weights.len()];
         let (mut states, mut cell) = (AdjointState::END, CellAdjoint::end(network.hidden));

@@ -82,7 +82,7 @@ pub struct TrainedNoise {
     pub initial_loss: f64,
     /// Mean loss per sample in each epoch, with the weights at the time of each window.
     pub epoch_loss: Vec<f64>,
-    /// Number of samples with a loss.
+    /// Number of samples for which the loss is defined.
     pub samples: usize,
 }
 
@@ -91,13 +91,13 @@ const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
 /// Largest norm of the gradient of the mean loss; a longer gradient is shortened.
 const LARGEST_GRADIENT: f64 = 1.0;
-/// Smallest number of samples with a loss.
+/// Smallest number of samples for which the loss is defined.
 const FEWEST: usize = 100;
 /// Smallest standard deviation of an input that counts as varying: relative to its mean, and absolute.
 const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 
 /// Trains a network. A step of Adam [Kingma & Ba 2015] uses one window of every line: the first windows of all lines,
-/// then the second, and so on; the learning rate falls to 0 along half a cosine. Filter and network continue from
+/// then the second, and so on. The learning rate falls to 0 along half a cosine. Filter and network continue from
 /// window to window. `progress` receives the number of each finished epoch and its loss.
 ///
 /// Lines are processed in parallel and their derivatives are added in their order, so results are bit-identical for any
@@ -107,8 +107,8 @@ const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 /// Returns the errors of [`NavigationLine::check`] and
 /// [`StateEstimate::check`](crate::navigation::NavigationError::Diverged). Also fails with
 /// [`NavigationError::Parameter`] if there are no lines. Also fails for further inputs that are not finite or of
-/// another size, for fewer than 100 samples with a loss, or for a loss that is not finite. An error of `progress` is
-/// returned.
+/// another size, for fewer than 100 samples with a defined loss, or for a loss that is not finite. An error of
+/// `progress` is returned.
 pub fn train<E: From<NavigationError>>(
     lines: &[TrainingLine<'_>],
     parameters: &NoiseTraining,

@@ -38,8 +38,8 @@ pub struct LineModel<'a> {
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
     /// Length, in seconds, of the window from the start of the line. The mean of measurement minus prediction over the
-    /// window (with the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not
-    /// needed if a constant is among the states and its prior is as wide as the offset.
+    /// window (with the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. The
+    /// subtraction is not needed if a constant is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,

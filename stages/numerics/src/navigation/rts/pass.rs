@@ -46,7 +46,7 @@ pub(super) struct FirstPass {
 #[derive(Default)]
 pub(super) struct RtsSolution {
     pub(super) x: Vec<StateVector>,
-    /// Twice the part of J from the initial state and the process noise.
+    /// Twice the part of J that is due to the initial state and the process noise.
     pub(super) motion: f64,
     /// The same quadratic form between the solution and the trajectory of the linearisation.
     pub(super) motion_with_last: f64,

@@ -18,8 +18,8 @@ const SCOUTS: usize = 64;
 /// A sample counts as an earlier sample after this distance has been flown, in radii. The value also suffices for
 /// particles that fly at half the speed.
 const RADII_FLOWN: f64 = 2.5;
-/// Samples are candidates if they are within the radius of any position up to this number of standard deviations from
-/// the mean of the particles.
+/// A sample is a candidate if it is within the radius of a position that is at most this number of standard deviations
+/// from the mean of the particles.
 const SPREADS: f64 = 3.0;
 
 /// Rules of the expected measurement, with all defaults resolved.

@@ -7,12 +7,12 @@
 //! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ
 //! ```
 //!
-//! from which all particles are redrawn. Each draws its position at this step from N(m, P), and its other states follow
-//! by regression, as at the start of a flight. Until the field weights the particles, a parallel Kalman filter provides
-//! m and P; afterwards they are computed from the particles, with the lost variance ([`super::resolution`]). Without a
-//! revisit the result therefore equals that of the Kalman filter up to rounding. If the distance from the cloud to the
-//! aircraft exceeds the width of the cloud, this update corrects the cloud. Weighting the particles could not correct
-//! it.
+//! from which all particles are redrawn. The position of each particle at this step is drawn from N(m, P), and its
+//! other states follow by regression, as at the start of a flight. Until the field weights the particles, a parallel
+//! Kalman filter provides m and P; afterwards they are computed from the particles, with the lost variance
+//! ([`super::resolution`]). Without a revisit the result therefore equals that of the Kalman filter up to rounding. If
+//! the distance from the cloud to the aircraft exceeds the width of the cloud, this update corrects the cloud.
+//! Weighting the particles could not correct it.
 //!
 //! The *paths* are weighted by each particle's prediction of the fix. The covariance of the prediction given the path
 //! is C = Φ P Φᵀ + Q. After a loss of the track, fixes therefore select the maps that agree with them:

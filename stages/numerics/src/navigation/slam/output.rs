@@ -13,10 +13,10 @@ use super::smoother::SlamSmootherReport;
 pub struct SlamReport {
     /// Hyper-parameters of the filter.
     pub kernel: AnomalyKernel,
-    /// Whether the hyper-parameters were fitted. False after a requested fit means that the first part of the flight
-    /// has too few measurements, or that they are constant; the given hyper-parameters were then used.
+    /// Whether the hyper-parameters were fitted. If this is false although a fit was requested, the first part of the
+    /// flight has too few measurements, or they are constant. The given hyper-parameters were then used.
     pub fitted: bool,
-    /// Number of steps in which some particles revisited, and all particles were therefore weighted.
+    /// Number of steps at which some particles revisited, so that all particles were weighted.
     pub revisits: usize,
     /// Number of resamplings.
     pub resamplings: usize,

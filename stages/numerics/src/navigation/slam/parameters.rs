@@ -51,7 +51,7 @@ pub struct SlamParameters {
     pub hyperparameters: HyperparameterSource,
     /// Gaussian process of the anomaly; if the kernel is fitted, the start of the search.
     pub kernel: AnomalyKernel,
-    /// Length of the first part of the flight, which the fit uses, in seconds.
+    /// Duration, in seconds, of the first part of the flight, which the fit uses.
     pub fit_window_s: f64,
     /// Maximum number of earlier samples in a prediction.
     pub neighbours: usize,
@@ -65,8 +65,8 @@ pub struct SlamParameters {
     pub trigger_radius_m: Option<f64>,
     /// A revisit requires more than this number of earlier samples within `trigger_radius_m`.
     pub trigger_points: usize,
-    /// Radius of the earlier samples in a prediction, in metres; `None` is half a length of the kernel, but at most 0.4
-    /// of the distance flown in `ignore_s`.
+    /// Radius, in metres, within which earlier samples are used in a prediction; `None` is half the length of the
+    /// kernel, but at most 0.4 of the distance flown in `ignore_s`.
     pub interpolation_radius_m: Option<f64>,
     /// Maximum height difference of earlier samples, in metres. A smaller difference adds the variance 2 (sigma_se Δh /
     /// length)², which is the variance of the vertical derivative of a potential field times Δh².

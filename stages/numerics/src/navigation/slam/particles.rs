@@ -143,13 +143,13 @@ impl SlamParticles {
         });
     }
 
-    /// Draws the particles after a resampling from a Gaussian kernel. The width of the kernel is `width` standard
+    /// Draws the particles from a Gaussian kernel after a resampling. The width of the kernel is `width` standard
     /// deviations of the covariance `spread` about the mean before the resampling. [Musso, Oudjane & Le Gland 2001]
     ///
     /// The positions are drawn and contracted by √(1 − width²), which preserves their covariance [West 1993]. The
-    /// linear states follow the positions by regression. The kernel's fraction of the conditional covariance of
-    /// `spread` given the positions is added to the covariance given the path. Earlier paths do not change. Relative to
-    /// the past of its particle, a position therefore jumps by a fraction of the particles' spread, which acts like
+    /// linear states follow the positions by regression. The fraction `width`² of the conditional covariance of
+    /// `spread`, given the positions, is added to the covariance given the path. Earlier paths do not change. Relative
+    /// to the past of its particle, a position therefore jumps by a fraction of the particles' spread, which acts like
     /// additional process noise.
     pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
         let (factor, rest) = known_positions(spread);

@@ -157,7 +157,7 @@ pub(super) struct SlamFilterResult<'a> {
     pub(super) ends: &'a [usize],
     pub(super) frame: LocalFrame,
     pub(super) kernel: AnomalyKernel,
-    /// Whether the kernel was fitted in the filter; if so, the smoother continues the fit.
+    /// Whether the filter fitted the kernel; if so, the smoother continues the fit.
     pub(super) fits: bool,
     /// Largest squared leave-one-out residual of a measurement over its variance; measurements with larger values are
     /// rejected.

@@ -13,7 +13,7 @@ use super::StateVisitor;
 /// INS at one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsSample {
-    /// Time, in seconds, above the time of the last sample.
+    /// Time, in seconds, later than the time of the last sample.
     pub tt_s: f64,
     /// Geodetic latitude, in degrees.
     pub lat_deg: f64,

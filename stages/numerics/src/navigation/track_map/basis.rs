@@ -8,8 +8,7 @@ use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 /// than the maximum number of functions.
 const LACKING: f64 = 1e-4;
 /// Distance from the outermost sample to the boundary, in lengths of the kernel. The field is zero at the boundary,
-/// which reduces its variance at the outermost sample by k(4 l)/k(0), which is 0.5 % for the Matérn covariance with ν =
-/// 5/2.
+/// which reduces its variance at the outermost sample by k(4 l)/k(0), or 0.5 % for the Matérn covariance with ν = 5/2.
 const MARGIN: f64 = 2.0;
 
 /// Function of the basis: the numbers of half waves eastward and northward, counted from 1.

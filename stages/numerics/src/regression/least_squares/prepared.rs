@@ -197,7 +197,7 @@ impl ScaledFactor {
     }
 
     /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖², where b are the coefficients of the scaled
-    /// columns. See van der Meer 2025, (2.31)-(2.32), and the column scaling β = b / s given with them.
+    /// columns. See van der Meer 2025, (2.31)-(2.32), also for the column scaling β = b / s.
     ///
     /// Coefficients, intercepts and covariances are in the units of the columns; singular values and condition number
     /// refer to the scaled matrix.

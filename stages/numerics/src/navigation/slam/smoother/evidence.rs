@@ -2,7 +2,7 @@
 //!
 //! On a lost track the revisits contradict each other. The likelihood then prefers a kernel with a large white part,
 //! which can explain any measurements, so neither misfit nor covariance indicates the contradiction. A comparison with
-//! the same flight stretched to a straight line, which has no revisits, does:
+//! the same flight, stretched to a straight line without revisits, reveals the contradiction:
 //!
 //! ```text
 //! E = log p(z | path) − log p(z | the path drawn out)
@@ -30,8 +30,8 @@ pub struct RevisitEvidence {
 
 impl RevisitEvidence {
     /// E over D: 1 if two visits differ only by the expected noise and roughness of the field, 0 if the two visits are
-    /// unrelated. NaN without revisits, or if they contain almost no information, that is, if D is below 5 (a factor of
-    /// 150 in probability).
+    /// unrelated. NaN if there are no revisits, or if they contain almost no information (D below 5, a factor of 150 in
+    /// probability).
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }
@@ -85,7 +85,7 @@ mod tests {
             variance_nt2: 1.0,
             core_nt_per_m: [0.1, 0.2],
         });
-        // One function that moves the second position 30 m back to the north.
+        // One function that moves the second position 30 m to the south.
         let functions = Mat::from_fn(6, 1, |row, _| if row == 2 { -30.0 } else { 0.0 });
         let (measured, temporal) = (measured.to_vec(), (0.0, 1.0));
         let problem = SlamProblem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };

@@ -271,7 +271,8 @@ impl PathCovarianceFactor {
 /// Pairs of axes: north-north, north-east, east-east.
 const PAIRS: [(usize, usize); 3] = [(0, 0), (0, 1), (1, 1)];
 
-/// Second derivative of the covariance of two positions with this separation, along the axes a and b of one position.
+/// Second derivative of the covariance of two positions that are `apart`, with respect to the coordinates a and b of
+/// one of them.
 fn bend(kernel: &AnomalyKernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
     let bends = kernel.bends(apart[0].powi(2) + apart[1].powi(2));
     bends.second * apart[a] * apart[b] - if a == b { bends.first } else { 0.0 }

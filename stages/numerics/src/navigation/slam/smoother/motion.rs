@@ -54,7 +54,7 @@ fn transposed(phi: &StateMatrix, x: &StateVector) -> StateVector {
 }
 
 impl InsErrorTransitions {
-    /// Computes the transitions along a line that passed [`SlamLine::check`], whose steps end with these rows.
+    /// Computes the transitions along a line that passed [`SlamLine::check`]. `ends` are the last rows of the steps.
     ///
     /// # Errors
     /// Fails with [`NavigationError::Diverged`] if a variance is negative or not finite.

@@ -9,7 +9,7 @@ use super::search::SlamWeightPrior;
 use super::{START_M, SlamFilterResult};
 use crate::navigation::slam::samples::SlamLine;
 
-/// Likelihood problem of the thinned measurements `thin`, with their displacements as functions of the weights.
+/// Problem for the likelihood: the thinned measurements `thin`, and their displacements as functions of the weights.
 pub(super) fn problem_of(
     thin: &[(SlamMeasurement, [f64; 2])],
     motion: &InsErrorTransitions,

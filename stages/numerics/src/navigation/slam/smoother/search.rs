@@ -8,11 +8,12 @@ use crate::navigation::slam::kernel::AnomalyKernel;
 
 /// Maximum number of halvings of a step.
 const MOST_HALVINGS: usize = 10;
-/// Largest step of the logarithm of a hyper-parameter.
+/// Largest change of the logarithm of a hyper-parameter in one step.
 const LARGEST_LOG: f64 = 1.0;
-/// Damping added to the information on the logarithms. A logarithm without influence remains constant.
+/// Damping added to the information on the logarithms of the hyper-parameters. A logarithm without influence remains
+/// constant.
 const DAMPING: f64 = 0.1;
-/// Change of the logarithms at or below which the hyper-parameters have converged.
+/// The hyper-parameters have converged if their logarithms change by at most this.
 const STILL_LOG: f64 = 0.02;
 /// Fraction of the measurement noise below which the white part of the kernel is negligible.
 const LEAST_NOISE: f64 = 0.1;
