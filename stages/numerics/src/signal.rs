@@ -7,7 +7,7 @@
 //! | [`savitzky_golay`] | values and derivatives of polynomials fitted to a moving window |
 //! | [`lag`] | the lag of one signal against another, by cross-correlation |
 //! | [`segments`] | runs of usable samples between gaps, each filtered separately; checks of a time column |
-//! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
+//! | [`difference`] | differences per sample, the substitute for time derivatives in Tolles-Lawson terms |
 //! | [`resample`] | resampling from arbitrary times to an even grid; low-pass filter before resampling to a lower rate
 //! |
 //! | [`local_fit`] | smoothing of samples at arbitrary times, by local parabolas |

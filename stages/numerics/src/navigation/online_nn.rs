@@ -60,8 +60,8 @@ pub struct NetworkOutput {
 ///
 /// # Errors
 /// Returns the errors of [`NavigationLine::check`] and [`Aids::check`]. Fails with [`NavigationError::Parameter`] for
-/// features, weights, covariances and densities whose size differs from the network or that are out of their valid
-/// range. Fails with [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
+/// features, weights, covariances and densities whose size does not match the network or whose values are out of range.
+/// Fails with [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &OnlineNetwork,

@@ -11,9 +11,9 @@ use thiserror::Error;
 pub struct NavigationReport {
     /// Number of used samples.
     pub updates: usize,
-    /// Samples without a finite measurement.
+    /// Number of samples without a finite measurement.
     pub missing_measurements: usize,
-    /// Samples whose predicted position is off the map or in an unknown cell.
+    /// Number of samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
     /// Number of samples that the innovation gate rejected.
     pub gated: usize,

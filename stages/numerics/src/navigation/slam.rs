@@ -118,8 +118,8 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 /// With [`SlamParameters::smoother`], track and path are those of the smoother if it has a solution, that is, if
 /// [`SlamReport::smoother`] is not `None`. The innovations are always those of the filter.
 ///
-/// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
-/// revisit.
+/// Results are bit-identical for any number of threads. A step with a revisit takes about 6 µs of one core per
+/// particle.
 ///
 /// # Errors
 /// Returns the errors of [`SlamParameters::check`] and [`SlamLine::check`]. Also fails with

@@ -211,7 +211,7 @@ impl FilterStream {
     /// is rejected and counted; `None` uses every measurement.
     ///
     /// # Errors
-    /// Fails for invalid errors, an offset window, a gap that is not above 0, or a gate that is not above 0.
+    /// Fails for an invalid error model, an offset window other than 0, or a gap or gate that is not above 0.
     pub fn ekf(setup: &StreamSetup, gate_nis: Option<f64>) -> Result<Self, ParameterError> {
         setup.check()?;
         let (errors, second_order) = (setup.errors, setup.second_order);
@@ -280,7 +280,7 @@ impl FilterStream {
     /// Filters a sample and returns the estimate after its measurements.
     ///
     /// # Errors
-    /// Fails in the cases of the [table of samples](self#samples).
+    /// Fails in the cases that the [table of samples](self#samples) lists.
     pub fn push(&mut self, sample: &StreamSample<'_>) -> Result<StreamEstimate, StreamError> {
         if self.is_stopped {
             return Err(StreamError::Stopped);

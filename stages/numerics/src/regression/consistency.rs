@@ -98,10 +98,11 @@ fn stride(x: &[f64]) -> usize {
     rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
 }
 
-/// Share of the autocorrelations of `x`, at lags of 1 to `lags` finite values, within 1.96/√n, where n is the number of
-/// pairs of a lag. The expected value is 0.95 for white noise of mean 0. Autocorrelations are computed without
-/// subtracting the mean, so that a bias is not treated as white noise. Pairs with a value that is not finite are
-/// excluded. NaN for fewer samples than twice the lags, and for a series of zeros.
+/// Share of the autocorrelations of `x`, at lags of 1 to `lags` strides, that are within ±1.96/√n, where n is the
+/// number of pairs of a lag. A stride is the smallest distance between finite values. The expected value is 0.95 for
+/// white noise of mean 0. Autocorrelations are computed without subtracting the mean, so that a bias is not treated as
+/// white noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice the lags, and for
+/// a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {

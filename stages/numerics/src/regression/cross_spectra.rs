@@ -1,8 +1,8 @@
 //! Sampling errors of coefficients whose residual is correlated, from cross-spectra of terms and target in bands.
 //!
-//! A filter leaves residuals that are correlated over its impulse response, as does coloured noise. The usual
-//! covariance s² (AᵀA)⁻¹ assumes independent residuals. After a pass band of 0.1 to 0.9 Hz at 10 Hz, its standard
-//! deviations are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
+//! A filter leaves residuals that are correlated over its impulse response. Coloured noise also leaves correlated
+//! residuals. The usual covariance s² (AᵀA)⁻¹ assumes independent residuals. After a pass band of 0.1 to 0.9 Hz at 10
+//! Hz, its standard deviations are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
 //!
 //! ```text
 //! G (Aᵀ Σ A) G,   Aᵀ Σ A ≈ Σ over bands  s_band C_band
@@ -324,7 +324,7 @@ impl CrossSpectra {
     }
 }
 
-/// Adds the products of columns over waves, each with its weight, to an upper triangle.
+/// Adds the products of all pairs of columns, summed over waves with a weight for each wave, to an upper triangle.
 fn add_products(
     to: &mut [f64],
     spectra: &[Vec<Complex<f64>>],
@@ -353,7 +353,7 @@ fn along_ramp(values: &[f64]) -> f64 {
     values.iter().enumerate().map(|(row, x)| x * ramp(row, values.len())).sum()
 }
 
-/// Values minus the ramp from the first to the last.
+/// Values minus the ramp from the first value to the last.
 fn without_ramp(values: &[f64]) -> Vec<f64> {
     let jump = values.last().zip(values.first()).map_or(0.0, |(last, first)| last - first);
     values.iter().enumerate().map(|(row, x)| x - jump * ramp(row, values.len())).collect()

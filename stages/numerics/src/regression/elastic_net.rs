@@ -90,8 +90,8 @@ impl ElasticNetOptions {
     /// coefficients are zero, max|Aᵀ y|/(n ρ), to `least` times that value.
     ///
     /// # Errors
-    /// Fails for a setting out of its valid range, an l1 ratio of 0, a `least` that is not between 0 and 1, without
-    /// rows, or for an unknown target.
+    /// Fails for a setting out of its valid range, an l1 ratio of 0, a `least` that is not between 0 and 1, or an
+    /// unknown target, or if there are no rows.
     pub fn alphas(
         &self,
         moments: &RegressionMoments,
@@ -119,8 +119,8 @@ impl ElasticNetOptions {
     ///
     /// # Errors
     ///
-    /// Fails for a setting out of its valid range, without rows, or for an unknown target. Also fails if the maximum
-    /// number of sweeps is reached.
+    /// Fails for a setting out of its valid range or an unknown target, or if there are no rows. Also fails if the
+    /// maximum number of sweeps is reached.
     pub fn path(
         &self,
         moments: &RegressionMoments,

@@ -46,7 +46,7 @@ pub struct PlsPath {
 ///
 /// # Errors
 ///
-/// Fails for zero components, without rows, or for an unknown target.
+/// Fails for zero components or an unknown target, or if there are no rows.
 pub fn fit(
     moments: &RegressionMoments,
     targets: &[usize],

@@ -33,7 +33,7 @@ impl PrincipalComponents {
     ///
     /// # Errors
     ///
-    /// Fails without rows, or if the decomposition does not converge. Also fails if no component would be kept.
+    /// Fails if there are no rows or if the decomposition does not converge. Also fails if no component would be kept.
     pub fn from_moments(
         moments: &RegressionMoments,
         scaling: ColumnScaling,

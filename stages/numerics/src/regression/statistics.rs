@@ -94,9 +94,9 @@ pub fn rms(x: &[f64]) -> SampleStatistic {
 
 /// Lower bound, in metres, on the root mean square horizontal error of an estimate of a track's constant offset from a
 /// map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement has an
-/// independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
-/// information J, the covariance of the slopes times n/σ². NaN if the slopes are constant or vary only along one line
-/// in the plane of `north` and `east`. [Cramér-Rao bound; Kay 1993, 3.7]
+/// independent error of `sigma_nt`; a constant bias of the measurement is also unknown. The bound is √ trace(J⁻¹),
+/// where the Fisher information J is the covariance of the slopes times n/σ². NaN if the slopes are constant or vary
+/// only along one line in the plane of `north` and `east`. [Cramér-Rao bound; Kay 1993, 3.7]
 ///
 /// Rows with a value that is not finite are excluded.
 pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatistic {

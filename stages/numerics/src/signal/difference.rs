@@ -1,4 +1,4 @@
-//! Differences of a series per sample, which replace the time derivative in Tolles-Lawson.
+//! Differences of a series per sample, which replace time derivatives in Tolles-Lawson terms.
 //!
 //! All schemes are the same as in MagNav.jl's `fdm`. No scheme divides by the time step, so the result has the unit of
 //! the series (per sample).

@@ -4,9 +4,9 @@
 //! "Natural" means a zero second derivative at both ends; MagNav.jl's cubic map interpolation is the tensor product of
 //! two such splines.
 
-/// Converts every column of a row-major table of `rows` x `columns` node values to the B-spline coefficients along the
-/// rows' direction (from row to row). The end coefficients are the end values themselves; inside, `c[i-1] + 4 c[i] +
-/// c[i+1] = 6 f[i]`.
+/// Converts every column of a row-major table of `rows` x `columns` node values to B-spline coefficients in the
+/// direction from row to row. The end coefficients are the end values themselves; inside, `c[i-1] + 4 c[i] + c[i+1] = 6
+/// f[i]`.
 pub fn solve_along_rows(table: &mut [f64], columns: usize) {
     let rows = table.len().checked_div(columns).unwrap_or(0);
     if rows < 3 {

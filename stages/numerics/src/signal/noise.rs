@@ -157,7 +157,8 @@ pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
 /// The smallest white and Gauss-Markov noise that bounds the Allan variance of the lines.
 ///
 /// # Errors
-/// Fails if all lines are too short to resolve a Gauss-Markov process: fewer than sixteen blocks in a run.
+/// Fails if all lines are too short to resolve a Gauss-Markov process, that is, if every run has fewer than sixteen
+/// blocks.
 pub fn noise(lines: &[BlockMeans]) -> Result<LineNoiseModel, NoiseError> {
     let block_s = lines.iter().map(|l| l.block_s).fold(BLOCK_S, f64::max);
     let longest_s = lines.iter().map(BlockMeans::longest_s).fold(0.0, f64::max);

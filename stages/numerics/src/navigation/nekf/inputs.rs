@@ -4,8 +4,8 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::Innovation;
 
-/// Names of the inputs that the filter computes, in their order. For the previous sample, v is the innovation, s its
-/// predicted variance, and σ² the assumed variance of the measurement:
+/// Names of the inputs that the filter computes, in the order of the inputs. For the previous sample, v is the
+/// innovation, s its predicted variance, and σ² the assumed variance of the measurement:
 ///
 /// | Input | Value |
 /// |:--|:--|

@@ -139,7 +139,7 @@ impl NoiseNetwork {
     /// Rejects invalid networks.
     ///
     /// # Errors
-    /// Fails without units, for a `limit` that is not finite and above 1, for values that are not finite, or for
+    /// Fails without units, for a `limit` that is not a finite number above 1, for values that are not finite, or for
     /// vectors whose lengths differ from the network's.
     pub fn check(&self) -> Result<(), ParameterError> {
         if self.hidden == 0 {

@@ -86,7 +86,7 @@ pub struct TrainedNoise {
     pub samples: usize,
 }
 
-/// Decay rates of the moments, and the smallest denominator, of Adam.
+/// Adam's decay rates of the moments, and its smallest denominator.
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
 /// Largest norm of the gradient of the mean loss; a longer gradient is shortened.
@@ -176,7 +176,7 @@ fn start(lines: &[TrainingLine<'_>], parameters: &NoiseTraining) -> Result<(Nois
     Ok((network, sum))
 }
 
-/// Inputs of all samples of a line, and the loss, without the network.
+/// Inputs of all samples of a line, and the loss of the filter, both without the network.
 fn inputs_of(
     line: &TrainingLine<'_>,
     network: &NoiseNetwork,
@@ -203,7 +203,7 @@ fn standardise(network: &mut NoiseNetwork, rows: &[Vec<f64>]) {
     }
 }
 
-/// Gradient of the mean loss of the next window of all lines, and the loss.
+/// Gradient of the mean loss over the next window of all lines, and the loss in this window.
 fn window(
     courses: &mut [LineCourse<'_>],
     network: &NoiseNetwork,

@@ -86,9 +86,9 @@ pub struct OnlineParameters {
 pub struct MagnetometerReport {
     /// Number of used samples.
     pub updates: usize,
-    /// Samples without a finite measurement, a sigma above 0, or a finite prediction of the aircraft field.
+    /// Number of samples whose measurement or predicted aircraft field is not finite, or whose sigma is not above 0.
     pub missing: usize,
-    /// Samples whose predicted position is off the map or in an unknown cell.
+    /// Number of samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
     /// Number of samples that the innovation gate rejected.
     pub gated: usize,

@@ -167,7 +167,7 @@ impl ColdStart {
     /// sample, so their coefficients are proportional to the sample rate.
     ///
     /// # Errors
-    /// Fails for standard deviations below 0 and a `dt_s` that is not above 0.
+    /// Fails for a standard deviation below 0 or a `dt_s` that is not above 0.
     pub fn prior(&self, terms: &TermSelection, dt_s: f64) -> Result<CoefficientPrior, ParameterError> {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return Err(refused("prior", format!("the time step must be above 0 s, but is {dt_s} s")));

@@ -99,8 +99,8 @@ impl OnlineNetwork {
     /// Network with given means and standard deviations of its inputs, for example those of a trained network.
     ///
     /// # Errors
-    /// Fails without inputs or hidden units, for means and standard deviations of different numbers or not finite, or
-    /// for a standard deviation or an `output_nt` that is not above 0.
+    /// Fails without inputs or hidden units, for means and standard deviations that differ in number or are not finite,
+    /// or for a standard deviation or an `output_nt` that is not above 0.
     pub fn scaled(
         mean: Vec<f64>,
         deviation: Vec<f64>,

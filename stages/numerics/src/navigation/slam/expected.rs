@@ -267,7 +267,7 @@ impl ParticleMap {
     }
 }
 
-/// Present sample from the position of one particle.
+/// Present sample, as seen from the position of one particle.
 struct ParticleView<'a> {
     rules: &'a PredictionRules,
     now: &'a SlamSample,

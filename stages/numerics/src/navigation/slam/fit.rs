@@ -71,8 +71,8 @@ impl TrackMeasurements {
         if log.is_finite() { log } else { f64::NEG_INFINITY }
     }
 
-    /// Kernel of maximum likelihood, searched from `start`; `None` for fewer than 20 measurements, a path without
-    /// length or constant measurements.
+    /// Kernel of maximum likelihood, searched from `start`; `None` for fewer than 20 measurements, for a path of length
+    /// 0, or for constant measurements.
     ///
     /// The length is between the mean distance of the measurements and half of the path.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {

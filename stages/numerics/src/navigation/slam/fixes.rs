@@ -1,7 +1,7 @@
 //! Aiding positions, such as those of a GNSS receiver.
 //!
-//! A fix measures one state, y = x_s + e with the variance R of e. With the present mean m and covariance P, the update
-//! is a Kalman update,
+//! A fix measures one state, y = x_s + e, where e has the variance R. With the present mean m and covariance P, the
+//! update is a Kalman update,
 //!
 //! ```text
 //! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ

@@ -105,7 +105,7 @@ impl AnomalyKernel {
     ///
     /// The anomaly is a potential field, so its vertical derivative has the factor |k| in the spectrum. The variance of
     /// the derivative is E|k|² σ², which is the negative Laplacian of the covariance at zero distance: 2σ²/l² for the
-    /// squared exponential, 10σ²/3l² and 6σ²/l² for the two others.
+    /// squared exponential, 10σ²/3l² for `Matern52` and 6σ²/l² for `Matern32`.
     pub fn height_nt2(&self, height_m: f64) -> f64 {
         let laplacian = match self.covariance {
             CovarianceFunction::SquaredExponential => 2.0,

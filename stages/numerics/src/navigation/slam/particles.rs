@@ -51,8 +51,8 @@ impl SlamMoments {
 /// states given latitude and longitude.
 ///
 /// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise. The
-/// upper two rows of the factor times its transpose are N of (28c). The lower rows times the draw are L (z − A x) of
-/// (28a). The remainder is (28b). [Lee 2019, (27)-(29)]
+/// upper two rows of the factor, multiplied by their transpose, are N of (28c). The lower rows times the draw are L (z
+/// − A x) of (28a). The remainder is (28b). [Lee 2019, (27)-(29)]
 fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     let mut factor = [[0.0; STATES]; 2];
     if c[LAT][LAT] > 0.0 {

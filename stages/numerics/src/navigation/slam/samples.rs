@@ -173,7 +173,7 @@ impl<'a> SlamSampler<'a> {
 
 /// Last rows of the steps of a line: rows at least `interval_s` apart, and the last row of the line.
 pub fn step_ends(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
-    // The tolerance prevents rounded times from doubling every other step.
+    // Without the tolerance, rounding of the times could double the length of every other step.
     let enough = interval_s * (1.0 - 1e-6);
     let mut ends = vec![0];
     let mut since = tt_s[0];

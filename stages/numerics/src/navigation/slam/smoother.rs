@@ -28,9 +28,9 @@
 //! revisit observes therefore have the covariance of the INS. In contrast, a map linearised about an estimate, f + g·δ,
 //! would fix a common shift of all positions. Gradient and matrix of second derivatives are exact. The step is a Newton
 //! step without the negative curvatures of the likelihood, halved until J does not rise. The covariance of u is the
-//! inverse of the matrix at the optimum (Laplace approximation), computed with the slopes of this field instead of
-//! those expected from the kernel. If the hyper-parameters are fitted, each pass begins with a Fisher-scoring step for
-//! them by the same likelihood.
+//! inverse of the matrix of second derivatives at the optimum (Laplace approximation). It is computed with the slopes
+//! of the estimated field instead of the slopes expected from the kernel. If the hyper-parameters are fitted, each pass
+//! begins with a Fisher-scoring step for them by the same likelihood.
 //!
 //! Aiding positions are measurements of δ, which add a quadratic form in u. With a gate, the measurements that the
 //! filter rejected are skipped; outliers of the leave-one-out residuals are also removed, once.

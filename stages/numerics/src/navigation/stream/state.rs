@@ -134,7 +134,7 @@ impl StateVisitor for StateWriter {
 /// Reader of a state.
 pub(super) struct StateReader<'a> {
     body: &'a [u8],
-    /// Whether all numbers so far existed and were in their range.
+    /// Whether all numbers so far were present and in their range.
     is_sound: bool,
 }
 
@@ -162,7 +162,7 @@ impl<'a> StateReader<'a> {
         Ok(Self { body: &bytes[body_at], is_sound: true })
     }
 
-    /// Checks that every number existed and none remains.
+    /// Checks that every number was present and in its range, and that no bytes remain.
     pub(super) fn finish(self) -> Result<(), StateError> {
         if self.is_sound && self.body.is_empty() { Ok(()) } else { Err(StateError::Damaged) }
     }

@@ -91,7 +91,7 @@ impl QrTriangle {
         &self.squares
     }
 
-    /// Adds to the residual sums of squares of the carried columns.
+    /// Adds `squares` to the residual sums of squares of the carried columns.
     pub(super) fn add_squares(&mut self, squares: &[f64]) {
         self.squares.iter_mut().zip(squares).for_each(|(sum, more)| *sum += more);
     }

@@ -1,4 +1,4 @@
-//! White and Gauss-Markov noise by the fit of a record's structure function or Allan variance.
+//! White and Gauss-Markov noise, estimated by a fit to a record's structure function or Allan variance.
 
 use params::choice;
 use thiserror::Error;
@@ -131,8 +131,8 @@ pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineN
     })
 }
 
-/// Half the mean square of the change over lags of 1, 2, ... samples, increasingly spaced, to a quarter of the longest
-/// run.
+/// Half the mean square of the change over lags of 1, 2, ... samples, at increasing intervals, up to a quarter of the
+/// longest run.
 fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint> {
     let mut points = vec![];
     let mut lag = 1;
