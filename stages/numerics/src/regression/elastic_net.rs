@@ -90,8 +90,8 @@ impl ElasticNetOptions {
     /// coefficients are zero, max|Aᵀ y|/(n ρ), to `least` times that value.
     ///
     /// # Errors
-    /// Fails for a setting out of its valid range, an l1 ratio of 0, a `least` that is not between 0 and 1, or an
-    /// unknown target, or if there are no rows.
+    /// Fails for a setting out of its valid range, an l1 ratio of 0, or a `least` that is not between 0 and 1. Also
+    /// fails for an unknown target, or if there are no rows.
     pub fn alphas(
         &self,
         moments: &RegressionMoments,

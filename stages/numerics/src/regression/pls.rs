@@ -9,7 +9,7 @@
 //! The computation uses the p x p triangular factor. The factor has the same scores as the rows, and avoids
 //! covariances, which would square the condition number. The inverse of Pᵀ U, which is unit upper triangular, is never
 //! formed. Each component adds r qᵀ to β, where r is u minus Σ (pᵀ u) r over the earlier components [de Jong 1993,
-//! "SIMPLS"], so a single pass gives the fits for all numbers of components.
+//! "SIMPLS"]. A single pass therefore gives the fits for all numbers of components.
 
 use faer::Mat;
 

@@ -46,8 +46,8 @@ impl SavitzkyGolay {
     /// `window` samples. The derivative is per sample, to the power `derivative`.
     ///
     /// # Errors
-    /// Fails for a window whose number of samples is even or not 3 to [`MOST_WINDOW`], or for a degree that is above 8,
-    /// not below the number of samples, or below the derivative.
+    /// Fails for a window whose number of samples is even or outside 3 to [`MOST_WINDOW`]. Also fails for a degree that
+    /// is above 8, not below the number of samples, or below the derivative.
     pub fn new(window: usize, degree: usize, derivative: usize) -> Result<Self, SavitzkyGolayError> {
         if window.is_multiple_of(2) || !(3..=MOST_WINDOW).contains(&window) {
             return Err(SavitzkyGolayError::Window { window });

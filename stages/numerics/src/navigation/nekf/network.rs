@@ -110,8 +110,8 @@ impl CellAdjoint {
 
 impl NoiseNetwork {
     /// Network without an effect, because its outputs are 0. The inputs are not yet standardised. The weights of the
-    /// gates are drawn from a seed with the variance 1/(inputs + units); their biases are 1 for the forget gate and 0
-    /// for the others.
+    /// gates are drawn from a seed with the variance 1/(inputs + units). The biases are 1 for the forget gate and 0 for
+    /// the other gates.
     pub fn initial(noise: NetworkNoise, inputs: usize, hidden: usize, limit: f64, seed: u64) -> Self {
         let (mean, inverse_deviation) = (vec![0.0; inputs], vec![0.0; inputs]);
         let (mut normals, sigma) = (NormalGenerator::new(seed), ((inputs + hidden) as f64).sqrt().recip());

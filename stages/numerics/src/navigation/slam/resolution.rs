@@ -6,9 +6,9 @@
 //! is therefore stored, for the present states and at up to 64 samples of the flight. A resampling adds to each of
 //! these the local covariance of the particles times Σw²/(1 − Σw²). A revisit reduces the variance of the particles by
 //! a fraction κ. The same fraction of the present lost variance is then replaced by the lost variance of the revisited
-//! samples. (1 − κ) A + κ B is an upper bound for the covariance of such a mixture of two errors with covariances A and
-//! B and any correlation. The lost variance is an expectation over seeds, not the loss of one run, and it excludes
-//! errors of the likelihood.
+//! samples. For two errors with covariances A and B and any correlation, the covariance of such a mixture is at most (1
+//! − κ) A + κ B. The lost variance is an expectation over seeds, not the loss of one run, and it excludes errors of the
+//! likelihood.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 

@@ -219,7 +219,7 @@ struct TermRank {
 /// Rank of the columns scaled to the same length, and the terms that reduce the rank.
 ///
 /// The component of a term in the directions without excitation is the term's diagonal entry of the projector onto
-/// these directions, which is independent of the basis of the decomposition.
+/// these directions. This entry is independent of the basis of the decomposition.
 fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastSquaresError> {
     let p = factor.terms;
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();

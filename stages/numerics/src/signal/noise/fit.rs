@@ -158,8 +158,7 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint
 /// Points with the number of independent squares, if the noise has these parts. This number is the number of samples
 /// divided by the sum of the squared autocorrelations of the changes over a lag. For white noise, a change is
 /// correlated only with the two changes that share a sample (1 + 2/4). For the correlated part, changes are correlated
-/// over the lag (2/3 of it, because of the triangular shape), or over the correlation time if the correlation time is
-/// shorter.
+/// over the lag (2/3 of it, because of the triangular shape), or over the correlation time, whichever is shorter.
 fn weighed(
     points: Vec<NoiseFitPoint>,
     parts: &NoiseFitVariances,
