@@ -24,12 +24,13 @@ pub enum FittedModelForm {
 pub struct FittedModel {
     /// Kind of the model.
     pub body: FittedModelForm,
-    /// Sample rate of the differences among its terms, in Hz. `None` if the table does not contain the rate.
+    /// Sample rate of the model's terms that are differences per sample, in Hz. `None` if the table does not contain
+    /// the rate.
     pub rate_hz: Option<f64>,
 }
 
 impl FittedModel {
-    /// Reads the model of a table, without the terms `without`.
+    /// Reads the model of a table, omitting the terms `without`.
     ///
     /// # Errors
     /// Fails if the table is incomplete, or a term to omit is missing.
@@ -90,7 +91,7 @@ impl FittedModel {
         }
     }
 
-    /// Values of [`FittedModel::columns`] in each row of a line at the rate of the model, column by column.
+    /// Values of [`FittedModel::columns`] in each row of a line, converted to the rate of the model, column by column.
     ///
     /// # Errors
     /// Fails in the cases of [`FittedModel::predict`].
@@ -179,7 +180,8 @@ impl<'a> ModelInputColumns<'a> {
     }
 }
 
-/// Rate of the lines of a fit, from its table, in Hz. `None` if the table does not contain the rate.
+/// Sample rate of the lines of a fit, read from the table of the fit, in Hz. `None` if the table does not contain the
+/// rate.
 pub fn rate_of(table: &RecordBatch) -> Option<f64> {
     floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
 }
@@ -221,7 +223,7 @@ impl CompleteRows {
         Ok(Self { columns, numbers, x })
     }
 
-    /// Values of all rows; incomplete rows are `unknown`.
+    /// Expands the values of the complete rows to all rows; incomplete rows have the value `unknown`.
     fn spread<T: Copy>(&self, values: Vec<T>, rows: usize, unknown: T) -> Vec<T> {
         let mut out = vec![unknown; rows];
         self.numbers.iter().zip(values).for_each(|(&row, value)| out[row] = value);

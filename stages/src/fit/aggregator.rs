@@ -26,8 +26,8 @@ use crate::{
 /// Model of `warm_start`, from which training starts.
 pub(super) struct TrainingStart {
     pub(super) model: LearnedModel,
-    /// Sample rate of the differences among the inputs of the model, in Hz. `None` if the table does not contain the
-    /// rate.
+    /// Sample rate of those inputs of the model that are differences per sample, in Hz. `None` if the table does not
+    /// contain the rate.
     pub(super) rate_hz: Option<f64>,
 }
 

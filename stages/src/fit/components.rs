@@ -36,7 +36,7 @@ impl FitComponents {
     /// Moments of the components, computed from the moments of the features.
     ///
     /// # Errors
-    /// Fails if the number of features differs from the number from which the components were computed.
+    /// Fails if the components were computed from a different number of features.
     pub fn component_moments(&self, features: &RegressionMoments) -> Result<RegressionMoments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)

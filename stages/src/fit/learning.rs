@@ -29,7 +29,7 @@ impl FitAggregator {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
-        // A network with a warm start keeps the sample rate of the differences among the inputs of the first training.
+        // With a warm start, inputs that are differences per sample keep the sample rate of the first training.
         let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = BTreeMap::new();
         for &place in places {
@@ -52,7 +52,7 @@ impl FitAggregator {
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    /// Sample rate of the differences among the inputs of a point, in Hz.
+    /// Sample rate of those inputs of a point that are differences per sample, in Hz.
     fn rate_of_start(&self, problem: &FitProblem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();
@@ -91,7 +91,7 @@ impl FitAggregator {
             });
             answers.collect()
         };
-        // Groups are processed in turn, because the inputs of a group are as large as the samples.
+        // The inputs of a group exist only while the group is processed, because they are as large as the samples.
         let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = answers.collect();

@@ -30,7 +30,7 @@ pub struct FitModelDecl {
     pub version: u32,
     /// Hash of the source text of a model that is loaded at run time. `None` for a compiled model.
     pub source: Option<&'static str>,
-    /// Lines of the model's documentation: the quantity minimised, when to use it, source.
+    /// Lines of the model's documentation: the quantity minimised, when to use the model, source.
     pub doc: &'static [&'static str],
     /// Default of `scaling`.
     pub scaling: Divisor,
@@ -40,9 +40,9 @@ pub struct FitModelDecl {
     pub made_of: FitData,
     /// Permitted values of `choose`.
     pub choose: &'static [ModelSelection],
-    /// Settings of the stage that this model accepts, but not every model.
+    /// Settings of the stage that this model accepts, although some models reject them.
     pub takes: &'static [&'static str],
-    /// Keys of the example of the stage with this model, one per line.
+    /// Keys that the stage's example with this model contains, one per line.
     pub example: &'static str,
     /// Documentation of the model's own keys.
     pub docs: &'static KeyDocsFn,
@@ -98,7 +98,7 @@ pub struct LinearFitResult {
 }
 
 impl LinearFitResult {
-    /// Result of a model without errors of its coefficients.
+    /// Result of a model that does not compute the errors of its coefficients.
     pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> LinearFitResult {
         LinearFitResult { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
     }
@@ -144,7 +144,7 @@ pub trait FitModel: Send + Sync {
         Err(Fault::bug("the model is declared as fitted to samples, but has no `learn`"))
     }
 
-    /// Network of a model that is a network; `None` for other models. It is trained instead of calling
+    /// The network, if the model is one; otherwise `None`. For a network, training replaces the call of
     /// [`FitModel::learn`].
     fn network(&self) -> Option<NetworkModel<'_>> {
         None
@@ -175,13 +175,13 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// Returns whether the errors of its coefficients are computed. Otherwise [`ridge`](super::ridge()) returns NaN for
-    /// the errors.
+    /// Returns whether the errors of the model's coefficients are computed. Otherwise [`ridge`](super::ridge()) returns
+    /// NaN for the errors.
     fn wants_errors(&self) -> bool {
         self.is_ridge()
     }
 
-    /// Warning about a result for `terms` columns. `None` if there is none.
+    /// Warning about the result of a fit to `terms` columns. `None` if there is no warning.
     fn remark(&self, _answer: &LinearFitResult, _terms: usize) -> Option<String> {
         None
     }

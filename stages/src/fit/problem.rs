@@ -30,12 +30,12 @@ const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 #[derive(Clone)]
 pub struct FitProblem<'a> {
     shares: Vec<&'a LineContribution>,
-    /// Names of the matrix columns, and the rate dependence of the terms of each line's contribution.
+    /// Names of the matrix columns and, for the contribution of each line, the rate dependence of each term.
     all_terms: &'a [String],
     rates: Vec<&'a [TermRate]>,
     /// Factors that convert the terms of each contribution to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
-    /// Sample rate of the differences among the terms, in Hz: the rate of the first line.
+    /// Sample rate of the terms that are differences per sample, in Hz: the rate of the first line.
     pub(super) rate_hz: f64,
     /// Flight of each contribution.
     flights: Vec<String>,
@@ -54,7 +54,7 @@ pub struct FitProblem<'a> {
     pub(super) selected: usize,
     prepared: BTreeMap<(u8, bool), (Arc<ScaledFactor>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
-    /// Terms that replace the features, and the names of the features.
+    /// Components that replace the features, and the names of the features.
     pub(super) components: Option<FitComponents>,
 }
 
@@ -302,7 +302,7 @@ impl<'a> FitProblem<'a> {
         Ok(made)
     }
 
-    /// Solves at once for the ridge parameters of all points with the same settings. `lambdas` are the ridge parameters
+    /// Computes the ridge solutions of all points with these settings in one pass. `lambdas` are the ridge parameters
     /// of the sweep.
     ///
     /// # Errors

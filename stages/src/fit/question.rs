@@ -5,16 +5,16 @@
 pub struct DesignMatrixKey {
     /// Columns of the matrix.
     pub features: Vec<String>,
-    /// Bits of the lower and upper corner in Hz, and the order.
+    /// Lower and upper corner in Hz, as the bits of `f64` values, and the order.
     pub filter: (u64, u64, usize),
     /// Number of samples removed at each end of a run.
     pub trim: usize,
 }
 
-/// Columns that are fitted together: one, except for partial least squares of several.
+/// Columns that are fitted together: a single one, or several for partial least squares.
 pub type TargetColumns = Vec<String>;
 
-/// Targets of a matrix, including those whose rows, or whose errors of coefficients, are required.
+/// Targets of a matrix, with the targets for which rows or errors of coefficients are required.
 #[derive(Default)]
 pub struct FitRequest {
     /// All targets.

@@ -15,8 +15,8 @@ use super::{
 };
 use crate::columns::data;
 
-/// Number of values on the default grid of ridge parameters, and the ratio of the smallest to the largest. The largest
-/// is the largest squared singular value.
+/// Number of values on the default grid of ridge parameters, and the ratio of the smallest to the largest value. The
+/// largest value equals the largest squared singular value.
 const GRID: (usize, f64) = (81, 1e-12);
 
 model! {

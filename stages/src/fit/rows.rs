@@ -26,8 +26,8 @@ use crate::{
 
 /// Number of unfiltered rows kept per line, evenly spaced. This number suffices to recognise a total field.
 const THINNED: usize = 500;
-/// Errors of coefficients are computed for fewer columns than this, because the cost of the cross-spectra grows with
-/// the square of the number of columns.
+/// Errors of coefficients are computed only for fits with fewer columns than this number, because the cost of the
+/// cross-spectra grows with the square of the number of columns.
 pub const MOST_WITH_ERRORS: usize = 96;
 
 /// Dependence of a term on the sample rate, and the rate at which the term was computed, in Hz. `None` if the term does
@@ -46,7 +46,7 @@ pub struct LineContribution {
     pub spectra: Option<CrossSpectra>,
     /// Number of rows of the line that `where` selects.
     pub selected: usize,
-    /// Number of rows of the longest run, and the minimum for filter and trim.
+    /// Number of rows of the longest run, and the smallest number that is enough for filter and trim.
     pub longest: (usize, usize),
 }
 
@@ -76,15 +76,15 @@ pub struct FitLineSummary {
     /// Sample rate, in Hz.
     pub rate_hz: f64,
     pub shares: BTreeMap<(DesignMatrixKey, TargetColumns), LineContribution>,
-    /// Fault of each request for which this line cannot be used.
+    /// Fault for each request to which this line cannot contribute.
     pub refused: BTreeMap<(DesignMatrixKey, TargetColumns), Fault>,
     pub terms: BTreeMap<DesignMatrixKey, Vec<String>>,
-    /// Dependence of each of these terms on the sample rate.
+    /// Dependence of each term in `terms` on the sample rate.
     pub rates: BTreeMap<DesignMatrixKey, Vec<TermRate>>,
     pub wide: Vec<WidebandContribution>,
 }
 
-/// Column of a table, or list of columns, borrowed.
+/// Column, or list column with several entries per row, borrowed from a table.
 struct FeatureBlock<'a> {
     values: &'a [f64],
     names: Vec<String>,
@@ -208,7 +208,7 @@ impl FeatureMatrix {
         self.values.iter().skip(at).step_by(self.width.max(1)).copied()
     }
 
-    /// Columns of the rows of `runs`.
+    /// The columns `columns` in the rows of `runs`, row-major.
     fn part(&self, columns: &[usize], runs: &[Range<usize>]) -> Vec<f64> {
         let mut out = Vec::with_capacity(runs.iter().map(Range::len).sum::<usize>() * columns.len());
         for row in runs.iter().cloned().flatten() {
@@ -348,7 +348,7 @@ fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<u
     (whole, kept)
 }
 
-/// All features of a group without duplicates, and the position of each feature in this list.
+/// Matrix of all features of a group without duplicates, and the columns of each feature in this matrix.
 fn features<'a>(
     blocks: &BTreeMap<&'a str, FeatureBlock>,
     group: &FitRequestGroup,

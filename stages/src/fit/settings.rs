@@ -27,7 +27,7 @@ impl ModelSelection {
 }
 
 choice! {
-    /// Scaling of columns before the penalty, as named in the spec.
+    /// Scaling of columns before the penalty is applied, with the names used in the spec.
     pub enum Divisor {
         /// No scaling.
         None = "none",
@@ -41,7 +41,7 @@ choice! {
 }
 
 impl Divisor {
-    /// The same scaling, as named in the numerics.
+    /// The same scaling as a value of the crate `numerics`.
     pub const fn scaling(self) -> ColumnScaling {
         match self {
             Divisor::None => ColumnScaling::None,
@@ -66,7 +66,7 @@ pub enum FitData {
 /// Settings that most models have, including the defaults of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitSettings {
-    /// Scaling of columns before the penalty.
+    /// Scaling of columns before the penalty is applied.
     pub scaling: ColumnScaling,
     /// Whether a constant is also fitted.
     pub intercept: bool,

@@ -29,7 +29,7 @@ pub struct ModelTableRow {
     pub std: f64,
 }
 
-/// Source of the residual noise of a model.
+/// Data from which the residual noise of a model is computed.
 pub enum ResidualSource {
     /// Coefficients of a linear model, with their terms.
     By(LinearFit, Vec<String>),
@@ -41,7 +41,7 @@ pub enum ResidualSource {
 pub struct FitSolution {
     /// Rows of the model and of its training.
     pub table: Vec<ModelTableRow>,
-    /// Source of the residual noise.
+    /// Data from which the residual noise is computed.
     pub left: ResidualSource,
     /// Numbers of used and of unused rows of the selected lines.
     pub rows: (usize, usize),
@@ -57,7 +57,7 @@ pub struct FitSolution {
     pub approximation_bound_nt: f64,
     /// Lines whose rows were used.
     pub lines: String,
-    /// Sample rate of the differences among the terms, in Hz.
+    /// Sample rate of the terms that are differences per sample, in Hz.
     pub rate_hz: f64,
     /// Warning about the fit.
     pub warning: String,

@@ -51,7 +51,7 @@ impl WidebandLayout {
         Self { runs: runs.iter().map(whole).filter(|r| !r.is_empty()).collect(), block, steps, rate_hz }
     }
 
-    /// Means over the blocks, followed by the steps, of a column. `at` returns the value in a row.
+    /// Means of a column over the blocks, followed by the steps of the column. `at` returns the value in a row.
     fn values(&self, at: impl Fn(usize) -> f64) -> WidebandValues {
         let blocks = self.runs.iter().flat_map(|r| r.clone().step_by(self.block));
         let mean = |first: usize| (first..first + self.block).map(&at).sum::<f64>() / self.block as f64;

@@ -8,7 +8,7 @@ use schemas::Fault;
 use super::{NetworkModel, warm_start::WarmStart};
 use crate::fit::samples::FitSamples;
 
-/// Inputs of a network. Networks with the same keys share them.
+/// Inputs of a network. Networks with the same keys share these inputs.
 pub struct NetworkInputs {
     /// Positions of the inputs among the features.
     pub at: Vec<usize>,

@@ -20,7 +20,7 @@ pub struct NetworkModel<'a> {
     pub all_features: bool,
     /// Weight of the term of the loss function that penalises deviations from the linear model.
     pub physics: f64,
-    /// Vector form of the linear model. `None` for models other than `m3tl` to `m3tf`.
+    /// Vector form of the linear model. `None` unless the model is of type `m3...` (`m3tl` to `m3tf`).
     pub vector: Option<&'a VectorModelKeys>,
     /// Limit for the samples of the first phases of a curriculum, in standard deviations of the ridge fit's error.
     /// `None` for training without a curriculum.
@@ -50,7 +50,7 @@ impl<'a> NetworkModel<'a> {
         Self { linear: Some(part), vector: Some(vector), ..Self::new(keys, form) }
     }
 
-    /// Returns whether there is a network with inputs.
+    /// Returns whether the model has a network with inputs.
     pub fn has_inputs(&self) -> bool {
         self.form != NetworkForm::VectorOnly
     }

@@ -40,7 +40,7 @@ pub struct TrainingTask<'a> {
     pub work: PointMonitor<'a>,
 }
 
-/// A task with its inputs.
+/// A training task with the inputs of its network.
 pub struct TrainingInputs<'a> {
     task: &'a TrainingTask<'a>,
     warm: Option<WarmStart<'a>>,
@@ -59,7 +59,7 @@ impl<'a> TrainingInputs<'a> {
         Ok(Self { task, warm, inputs })
     }
 
-    /// Network with this number of linear terms.
+    /// Network with `linear` linear terms.
     fn core(&self, linear: usize) -> NetworkCore {
         let (model, scaling) = (&self.task.model, &self.inputs.scaling);
         let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
@@ -179,7 +179,7 @@ impl<'a> TrainingSetup<'a> {
         Ok(Self { task, core, members, linear, rows, validation, inputs, terms, linear_at, target, far })
     }
 
-    /// Scaling of the coefficients that training applies, for a vector form.
+    /// Scaling that training applies to the coefficients of a vector form. `None` for other forms.
     pub fn conditioning(&self) -> Option<TermScaling> {
         self.task.model.vector.map(|_| self.terms.clone())
     }
@@ -227,7 +227,7 @@ impl<'a> TrainingSetup<'a> {
     }
 }
 
-/// Scaling of the linear terms in training.
+/// Scaling of the linear terms during training.
 fn term_scaling(
     samples: &FitSamples,
     lines: &[usize],

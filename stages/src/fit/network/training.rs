@@ -16,7 +16,7 @@ use crate::fit::{model::LearningResult, samples::FitSamples};
 /// Time between two saved states, in seconds.
 const KEPT_EVERY_S: f64 = 1.0;
 
-/// Trains networks. They share passes over the samples where possible, with the same results as if trained separately.
+/// Trains networks. Where possible, they share passes over the samples. The results equal those of separate training.
 ///
 /// # Errors
 /// A network yields a fault instead of a model if the data do not determine it, its loss is not finite, or the run is
@@ -82,7 +82,7 @@ impl<'a> EnsembleTraining<'a> {
     }
 }
 
-/// Trains the member `number` of each network that has enough members.
+/// Trains the member `number` of each network that has a member of this number.
 fn train_members(number: usize, networks: &mut [Result<EnsembleTraining<'_>, Fault>]) {
     let mut members: Vec<(usize, MemberTraining<'_>)> = vec![];
     for (at, network) in networks.iter().enumerate() {
@@ -182,7 +182,7 @@ fn progress(
     text
 }
 
-/// States of the finished members and of the current member, each preceded by the length of the state.
+/// States of the finished members and of the current member, each preceded by its length.
 fn states_bytes(done: &[TrainingState], now: &TrainingState) -> Vec<u8> {
     let mut out = vec![];
     for state in done.iter().chain([now]) {

@@ -28,7 +28,7 @@ params! {
 const PLAUSIBLE_NT: std::ops::Range<f64> = 15_000.0..90_000.0;
 
 impl VectorModelKeys {
-    /// Vector frame (coupling and scales) for a target scale in nT.
+    /// Vector frame (coupling and scales) for a target of this scale, in nT.
     pub fn frame(&self, target_scale_nt: f64) -> VectorFrame {
         VectorFrame { coupling: self.coupling, bt_scale_nt: self.bt_scale_nt, target_scale_nt }
     }

@@ -12,8 +12,8 @@ use crate::{
     trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
-/// A warning names the inputs whose root mean square distance from the mean of the first training exceeds this number
-/// of standard deviations of the first training.
+/// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations of
+/// the first training. A warning names the inputs above this limit.
 const FAR: f64 = 10.0;
 /// Maximum number of names listed in a fault.
 const NAMED: usize = 6;
@@ -26,7 +26,7 @@ pub struct WarmStart<'a> {
 }
 
 impl<'a> WarmStart<'a> {
-    /// Warm start from a model, for a network of the form `form`.
+    /// Warm start from `model` for a network of the form `form`.
     ///
     /// # Errors
     /// Fails if the model is not a network, or has another form.
@@ -182,8 +182,8 @@ impl<'a> WarmStart<'a> {
         Ok(())
     }
 
-    /// Parameters of the initial network's members. `linear` replaces the coefficients that the form does not train, in
-    /// the scale of the initial network's target.
+    /// Parameters of the initial network's members. If the form does not train the coefficients, `linear` replaces
+    /// them, in the scale of the initial network's target.
     pub fn members(&self, form: NetworkForm, linear: &[f64]) -> Vec<Vec<f64>> {
         let begin = |member: &Vec<f64>| {
             let mut member = member.clone();
@@ -255,7 +255,7 @@ mod tests {
         [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(with_linear_terms).chain(windowed).collect()
     }
 
-    /// The weights in a table, and the scale of the target.
+    /// The weights in a table and the scale of the target, by name.
     fn weights(found: &FitOutput) -> Vec<(&str, f64)> {
         let is_weight = |name: &str| {
             let other = ["epoch_", "target_mean", "linear["];
@@ -281,7 +281,7 @@ mod tests {
             let (before, after) = (weights(&first), weights(&second));
             assert_eq!(before.len(), after.len(), "{model}");
             for ((name, before), (same, after)) in before.into_iter().zip(after) {
-                // Parameters of linear terms differ by rounding, because they are scaled and scaled back.
+                // Parameters of linear terms differ by rounding errors, because they are scaled and then unscaled.
                 let near = (before - after).abs() <= 1e-12 * (1.0 + before.abs());
                 assert!(name == same && near, "{model} {name} {same}: {before} {after}");
             }

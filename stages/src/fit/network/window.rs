@@ -13,7 +13,7 @@ params! {
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
 }
 
-/// Layers that compute features of a window.
+/// Layers that compute features from a window of samples.
 #[derive(Clone, Copy)]
 pub struct WindowLayers {
     /// Type of the layers.
@@ -34,12 +34,12 @@ impl WindowKeys {
 }
 
 impl WindowLayers {
-    /// Number of units, for this number of inputs.
+    /// Number of units if each sample has `inputs` inputs.
     pub fn units(&self, inputs: usize) -> usize {
         if self.memory == MemoryLayers::Window { inputs * self.window } else { self.units }
     }
 
-    /// Number of features computed from the window, for this number of inputs.
+    /// Number of features computed from the window if each sample has `inputs` inputs.
     pub fn features(&self, inputs: usize) -> usize {
         match self.memory {
             MemoryLayers::Window => inputs * self.window,
