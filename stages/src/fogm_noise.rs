@@ -221,7 +221,8 @@ mod tests {
         );
         let alone = estimate_noise(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
         let together = estimate_noise(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
-        // Rounding error of 50,000 nT, and its square root because the minimum of the objective is flat.
+        // The tolerance is the square root of the rounding error at 50,000 nT, because the minimum of the objective is
+        // flat.
         assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
         let (mut spoilt, mut missing) = (noise.clone(), noise);
         spoilt[20_000..].fill(1e6);

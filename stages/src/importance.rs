@@ -318,7 +318,7 @@ impl LineStage for Importance {
 }
 
 impl Importance {
-    /// Length of the lists of samples.
+    /// Length of the lists of samples. `None` if there are no lists.
     fn kept(&self) -> Option<usize> {
         let kept = self.kept_samples.min(self.samples);
         (self.method.explains_samples() && kept > 0).then_some(kept)

@@ -91,7 +91,7 @@ impl LagStage {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
-        // Pairs are counted by rows, so a line with a gap in time is rejected.
+        // Lags are shifts by whole rows, so a line with a gap in time is rejected.
         let whole = RowMask::all(tt.len()).runs_in_time(tt, rate_hz).len();
         if whole > 1 {
             let fault = Fault::data(format!("the line has {} gaps in time", whole - 1)).in_column("tt");

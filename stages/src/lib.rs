@@ -55,7 +55,7 @@ mod whole_numbers;
 use schemas::StageEntry;
 
 /// Stages, models, filters and metrics of a program. [`Catalogue::default`] holds the built-in ones. A program with
-/// other parts adds them and passes on [`Catalogue::entries`].
+/// other stages, models, filters or metrics adds them and passes on [`Catalogue::entries`].
 ///
 /// ```
 /// let catalogue = stages::Catalogue::default();

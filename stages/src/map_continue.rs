@@ -82,7 +82,7 @@ pub struct ContinuationResult {
 struct ContinuationJob<'a> {
     stage: &'a MapContinue,
     map: &'a AnomalyGrid,
-    /// The map with its gaps.
+    /// The map with gaps.
     original: PlaneGrid,
     /// The map without gaps.
     plane: PlaneGrid,
@@ -96,7 +96,7 @@ impl MapContinue {
     /// Rejects incompatible parameters. `draped` states whether the heights of another map are given.
     ///
     /// # Errors
-    /// The parameter and the remedy.
+    /// Fails with the parameter and the remedy if the parameters are incompatible.
     pub fn check(&self, draped: bool) -> Result<(), Fault> {
         match (draped, self.to_m, self.derivative) {
             (false, None, None) => {
@@ -234,7 +234,7 @@ impl ContinuationJob<'_> {
             let fault = Fault::data("the map `drape` has one height for all nodes");
             return Err(fault.help("set `to_m` to that height"));
         };
-        // Grids from different files agree up to rounding.
+        // The axes of grids from different files may differ by rounding errors.
         let near = |a: f64, b: f64, step: f64| (a - b).abs() < 1e-3 * step;
         let same = [(&drape.x, &self.map.x), (&drape.y, &self.map.y)]
             .iter()

@@ -63,7 +63,7 @@ impl MapConvert {
     /// Rejects invalid parameters, independent of the map.
     ///
     /// # Errors
-    /// The parameter and the reason.
+    /// Fails with the parameter and the reason if a parameter is invalid.
     pub fn check(&self) -> Result<(), Fault> {
         self.bounds.as_deref().map(bounds_of).transpose().map(|_| ())
     }
@@ -95,7 +95,7 @@ impl MapConvert {
     }
 }
 
-/// Nodes of an axis between two coordinates.
+/// Indices of the nodes of an axis between two coordinates.
 fn within(axis: &EvenAxis, low: f64, high: f64) -> Range<usize> {
     let inside = |i: &usize| (low..=high).contains(&axis.at(*i as f64));
     let first = (0..axis.len).find(inside).unwrap_or(axis.len);

@@ -128,7 +128,7 @@ impl MapErrors {
     /// Standard deviation of the nodes' error at each sample of a line, in nT.
     ///
     /// # Errors
-    /// Returns the errors of [`map_noise::along`].
+    /// Fails in the cases of [`map_noise::along`].
     pub fn at_nodes_nt(&self, line: &NavigationLine<'_>) -> Result<Option<Vec<f64>>, Fault> {
         let Some(own) = &self.own else { return Ok(None) };
         let mut error_nt = map_noise::along(line, &own.map, 1.0).map_err(data)?;
@@ -141,8 +141,8 @@ impl MapErrors {
         Ok(Some(error_nt))
     }
 
-    /// White noise, in nT per sample, that is equivalent to the error between nodes at samples `step_m` apart. This
-    /// error is correlated over a cell.
+    /// White noise, in nT per sample, that is equivalent to the interpolation error between nodes. Samples are `step_m`
+    /// apart. The interpolation error is correlated over a cell.
     pub fn of_interpolation_nt(&self, step_m: f64) -> f64 {
         self.bilinear.map_or(0.0, |(error_nt, cell_m)| error_nt * (cell_m / step_m.min(cell_m)).sqrt())
     }
@@ -153,7 +153,7 @@ impl MapErrors {
     /// autocorrelation of the error falls to 1/e over `length_m`; samples are `step_m` apart.
     ///
     /// # Errors
-    /// Returns the errors of [`map_noise::along`].
+    /// Fails in the cases of [`map_noise::along`].
     pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
         let factor = lasting_factor(step_m, length_m);
         self.own.as_ref().map(|own| map_noise::along(line, &own.map, factor).map_err(data)).transpose()
@@ -236,8 +236,8 @@ mod tests {
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
         assert!(MapErrors::new(&map, None, true, NodeErrorSource::Column).unwrap().own.is_some());
         assert!(MapErrors::new(&map, None, true, NodeErrorSource::None).unwrap().own.is_none());
-        // A sum of n samples at intervals s, whose errors are correlated over L, has n 2L/s times the variance of one
-        // sample.
+        // The errors of samples are correlated over L. A sum of n samples at intervals s has n · 2L/s times the
+        // variance of one.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error with a correlation length below a sample interval is white.
         assert_eq!(lasting_factor(50.0, 10.0), 1.0);

@@ -96,7 +96,7 @@ impl MapFill {
     /// Rejects incompatible parameters. `others` states whether there are other maps.
     ///
     /// # Errors
-    /// The parameter and the remedy.
+    /// Fails with the parameter and the remedy if the parameters are incompatible.
     pub fn check(&self, others: bool) -> Result<(), Fault> {
         if others || !(self.extend || self.method == GapFillMethod::None) {
             return Ok(());
@@ -108,7 +108,7 @@ impl MapFill {
         Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
     }
 
-    /// Fills the gaps of `map`, first from `others`. Each of these has a name for messages.
+    /// Fills the gaps of `map`, first from `others`. Each of the other maps has a name for messages.
     ///
     /// # Errors
     /// See [`MapFill`].

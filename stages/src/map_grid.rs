@@ -128,7 +128,7 @@ level_m   = 300.0
 pub struct SurveyMap {
     /// The map.
     pub map: AnomalyGrid,
-    /// Expected error of each node, in nT, if lines were omitted in turn.
+    /// Expected error of each node, in nT, if the surface was cross-validated.
     pub error: Option<AnomalyGrid>,
     /// Report of the gridding.
     pub report: GriddingReport,
@@ -145,7 +145,7 @@ impl MapGrid {
     /// Rejects invalid parameters, independent of the points.
     ///
     /// # Errors
-    /// The parameter and the reason.
+    /// Fails with the parameter and the reason if a parameter is invalid.
     pub fn check(&self) -> Result<(), Fault> {
         gridding::check(&self.options()?).map_err(|e| refused(&e))?;
         let Some(code) = self.epsg()? else { return Ok(()) };
@@ -220,7 +220,7 @@ impl MapGrid {
             high - low
         };
         let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
-        // The area of a line has a length but no width; that of a point has neither.
+        // The area of a line has a length but no width; the area of a point has neither.
         if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
             return Ok(());
         }
@@ -296,7 +296,7 @@ impl MapGrid {
         reads
     }
 
-    /// Faults of corrections that the values have already had.
+    /// Faults for requested corrections that an earlier stage has already applied to the values.
     fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let value = std::slice::from_ref(&self.value);
         let core = ("core_field", "set `core_field = \"none\"`");
@@ -343,7 +343,7 @@ impl MapGrid {
     }
 }
 
-/// The points, at these heights if given.
+/// The points of a survey, at the heights `height_m` if they are given.
 fn survey_at<'a>(
     points: &'a SurveyPointSet,
     line: &'a [usize],
@@ -383,7 +383,7 @@ fn refused(error: &GriddingError) -> Fault {
     }
 }
 
-/// Heights flown at each node, if the surface is at these heights.
+/// Flight height at each node, if the surface is at the heights flown.
 fn survey_heights(
     points: &SurveyPointSet,
     line: &[usize],
@@ -444,7 +444,7 @@ impl SurveyStage for MapGrid {
     }
 }
 
-/// Columns of a map that a survey makes.
+/// Columns of a map that was made from a survey.
 fn columns(mapped: &SurveyMap) -> Result<Vec<ArrayRef>, Fault> {
     let mut columns = mapped.map.made()?;
     columns.extend(mapped.error.as_ref().map(|error| crate::columns::array(error.anomaly_nt.clone())));

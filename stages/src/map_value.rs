@@ -51,7 +51,7 @@ map_levels_m = [300.0, 400.0]
 pub(crate) const MAP_ANOMALY: &str = "map_anomaly";
 
 impl MapValue {
-    /// Columns of the position, for a table with the columns `has`.
+    /// Columns of the position. `has` states whether the table has a column.
     fn place(&self, has: impl Fn(&str) -> bool) -> [&'static str; 3] {
         let ins = PositionSource::Ins.columns();
         let found = if ins.iter().all(|name| has(name)) { PositionSource::Ins } else { PositionSource::Truth };

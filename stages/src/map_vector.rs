@@ -87,7 +87,7 @@ impl MapVector {
     /// Rejects a direction that is missing or given twice.
     ///
     /// # Errors
-    /// The parameter and the remedy.
+    /// Fails with the parameter and the remedy if the direction is missing or given twice.
     pub fn check(&self) -> Result<(), Fault> {
         let help = "set `decimal_year`, or both `inclination_deg` and `declination_deg`";
         match (self.decimal_year, self.inclination_deg, self.declination_deg) {

@@ -32,7 +32,7 @@ pub fn field_map(
 /// The same as [`field_map`] for another column of a map, such as the error of each node.
 ///
 /// # Errors
-/// Returns the errors of [`field_map`]. Fails if the table has no such column.
+/// Fails in the cases of [`field_map`]. Fails if the table has no such column.
 pub fn column_map(
     table: &RecordBatch,
     column: &str,
@@ -45,7 +45,7 @@ pub fn column_map(
 /// Same as [`column_map`] for given values, one for each row of the table.
 ///
 /// # Errors
-/// Returns the errors of [`field_map`].
+/// Fails in the cases of [`field_map`].
 pub fn map_of_values(
     table: &RecordBatch,
     values: &[f64],
@@ -120,7 +120,7 @@ fn looked_up(
     }
 }
 
-/// Axes of a map on its native grid, eastward and northward, from its rows.
+/// Eastward and northward axes of a map's native grid, computed from the rows of the map.
 fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
     let (northing, easting) = (floats(table, "northing")?, floats(table, "easting")?);
     let width = northing.iter().take_while(|y| Some(*y) == northing.first()).count();
@@ -293,7 +293,7 @@ mod tests {
                         map.at(lat + d_lat, lon + d_lon, alt_m + d_alt).unwrap().value_nt
                     };
                     let found = map.at(lat, lon, alt_m).unwrap();
-                    // A step of 1 cm: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, and the third derivative
+                    // With a step of 1 cm, rounding of 300 nT causes an error of 1e-12 nT/m; the third derivative
                     // contributes less.
                     let h: f64 = 1e-7;
                     let per_rad = (2.0 * h).to_radians();

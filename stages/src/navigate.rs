@@ -150,7 +150,7 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
 /// Expected error of a map that is used at a height other than the height of its file, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
-/// The row of the catalogue, with `filters` to choose from.
+/// Catalogue entry of the stage, with `filters` to choose from.
 pub fn entry(filters: Vec<&'static FilterDecl>) -> StageEntry {
     let kinds = filters.iter().map(|filter| filter.document()).collect();
     StageEntry { kinds, ..Navigate::entry_with(ChoiceRegistry::default().with(filters)) }

@@ -265,7 +265,7 @@ mod tests {
             };
             let (sigma, n) = of(0.0);
             assert_eq!(n, ROWS as i64);
-            // Rounding error of 50,000 nT.
+            // Rounding error at 50,000 nT.
             assert!((of(-750.0).0 / sigma - 1.0).abs() < 1e-6);
             sigmas.push(sigma);
         }

@@ -122,7 +122,7 @@ mod tests {
         let mains = |t: f64| 5.0 * (TAU * 50.0 * t).sin() + 2.0 * (TAU * 100.0 * t).cos() + (TAU * 150.0 * t).sin();
         let y = run(&notch(50.0), 160.0, |t| signal(t) + mains(t)).unwrap();
         let worst = (2000..6000).map(|k| (y[k] - signal(k as f64 / 160.0)).abs()).fold(0.0, f64::max);
-        // Each of three notches changes 0.4 Hz by about (width/f)², the nearest notch by 1/400.
+        // Each of three notches changes the signal of 0.4 Hz by about (width/f)², the nearest notch by 1/400.
         assert!(worst < 0.1, "{worst} nT");
         let before = (2000..6000).map(|k| mains(k as f64 / 160.0).abs()).fold(0.0, f64::max);
         assert!(before > 5.0);

@@ -123,7 +123,7 @@ truth = "mag_1_c"
     map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
 }
 
-/// The row of the catalogue, with the metrics `scorers`.
+/// Catalogue entry of the stage, with the metrics `scorers`.
 pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
     let metrics = scorers.iter().map(|scorer| scorer.metric).collect();
     StageEntry { metrics, ..Score::entry_with(ChoiceRegistry::default().with(scorers)) }
@@ -135,7 +135,7 @@ impl Score {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
-    /// Notes on the metrics for which only the truth is missing.
+    /// Notes on the metrics that cannot be computed only because the truth is missing.
     fn not_scored(&self, places: &ScoreSourceIndex) -> Vec<String> {
         let is_missing = |source: &&ScoreSource| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
@@ -155,7 +155,7 @@ impl Score {
     /// Requested metrics that can be computed.
     fn chosen(&self, places: &ScoreSourceIndex) -> Vec<&'static Scorer> {
         let mut chosen: Vec<_> = self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect();
-        // A retention is always scored with its standard error.
+        // `anomaly_retention` is always scored with its standard error.
         let at = |chosen: &[&Scorer], scorer: &Scorer| chosen.iter().position(|s| s.metric.name == scorer.metric.name);
         if let (Some(place), None) = (at(&chosen, &ANOMALY_RETENTION), at(&chosen, &ANOMALY_RETENTION_SE)) {
             chosen.insert(place + 1, &ANOMALY_RETENTION_SE);

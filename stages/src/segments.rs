@@ -314,7 +314,7 @@ mod tests {
                 2 => (50.0, 80.0),
                 _ => (80.0, 110.0),
             };
-            // The limits are accurate to the length of the window.
+            // The boundaries are accurate to the length of the window.
             assert!((first - begun - from).abs() < 5.0 && (last - begun - to).abs() < 5.0, "{kind}: {first} to {last}");
         }
         let plain = Segments { attitude: vec![], ..segments() };

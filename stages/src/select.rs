@@ -83,7 +83,8 @@ impl Stage for Select {
         }
         let kept: Vec<&Column> = shape.columns.iter().filter(|c| self.keeps(&c.name)).collect();
         let Some(predicate) = predicate else {
-            // The rows are unchanged, so the columns are those of the input. A table needs one new column: the time.
+            // The rows are unchanged, so the columns are those of the input. Only the time is a new column, because a
+            // table needs at least one.
             let names = kept.iter().map(|c| c.name.clone()).filter(|name| name != "tt").collect();
             let time = kept
                 .iter()

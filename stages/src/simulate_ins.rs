@@ -81,7 +81,7 @@ const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m"
 const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
 const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
 
-/// Columns that the stage makes: those of [`faulty_ins`], in its order, and the time of the alignment.
+/// Columns that the stage makes: the columns of [`faulty_ins`] in the same order, and the time of the alignment.
 const MADE: [&str; 13] = [
     "ins_lat",
     "ins_lon",
@@ -160,7 +160,8 @@ impl<'a> TrueMotion<'a> {
         let smooth = |x: Vec<f64>| if smooth_s > 0.0 { smoothed(tt_s, &x, smooth_s) } else { x };
         let [lat, lon, alt] = read(POSITION)?.ok_or_else(|| Fault::data("the line has no positions"))?;
         let series = |e| named(e, "lat");
-        // Computed before smoothing, because smoothing requires ascending times; a longitude may pass 180 degrees.
+        // The velocity is computed to reject times that do not ascend, because smoothing requires ascending times.
+        // Longitudes are unwrapped, because they may pass 180 degrees.
         strapdown::velocity_ned_mps(tt_s, &lat, &lon, &alt).map_err(series)?;
         let (lat, lon, alt) = (smooth(lat), smooth(numerics::angle::unwrapped_deg(&lon)), smooth(alt));
         let [vn, ve, vd] = match read(VELOCITY)? {

@@ -60,7 +60,7 @@ input = "score"
     seed: usize, unit "", default 0usize;
 }
 
-/// The row of the catalogue, with `scorers` to pool.
+/// Catalogue entry of the stage, with `scorers` to pool.
 pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
     StageEntry { metrics: METRICS.to_vec(), ..Summary::entry_with(ChoiceRegistry::default().with(scorers)) }
 }

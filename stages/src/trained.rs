@@ -150,7 +150,7 @@ impl LearnedModel {
         }
     }
 
-    /// Checks that samples at a rate can be the input.
+    /// Checks that the model accepts samples at this rate.
     ///
     /// # Errors
     /// Fails if the model uses a window of samples at another rate.
@@ -187,7 +187,7 @@ impl LearnedModel {
         std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
     }
 
-    /// Model of a table with these terms. `None` for a linear one.
+    /// Model of a table with these terms. `None` for a linear model.
     ///
     /// # Errors
     /// Fails if terms are missing, duplicate or inconsistent, because the table is incomplete.

@@ -55,7 +55,7 @@ fn between(column: &Column, x: &[f64]) -> ColumnInterpolation {
     } else {
         let most = (finite().count() / 2).clamp(FEW_CODES, MOST_CODES);
         let mut distinct = HashSet::new();
-        // The sum of -0 and 0 is 0.
+        // Adding 0 turns -0 into 0.
         let many = finite().any(|x| distinct.insert((x + 0.0).to_bits()) && distinct.len() > most);
         if many { ColumnInterpolation::Count } else { ColumnInterpolation::Code }
     }
@@ -81,7 +81,7 @@ mod tests {
         let aux = column("", Role::Aux);
         assert_eq!(doubled(&aux, &[0.0, 1.0, 1.0, 0.0]), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
         assert_eq!(doubled(&column("1", Role::Derived), &[8.0, 12.0]), [8.0, 8.0, 12.0]);
-        // A missing value is a gap of two seconds, over which values are interpolated.
+        // A missing value leaves a gap of two seconds, over which values are interpolated.
         assert_eq!(doubled(&aux, &[3.0, f64::NAN, 6.0]), [3.0, 3.0, 3.0, 6.0, 6.0]);
         // Large status words are codes, because their values recur.
         let status: Vec<f64> = (0..100).map(|k| f64::from(1_u32 << (k % 20))).collect();

@@ -167,7 +167,7 @@ struct NetworkInputsKey<'a> {
     /// Keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
     /// scales.
     network: Option<(Option<&'a [String]>, &'a [String])>,
-    /// Whether a network has inputs.
+    /// Whether the model has inputs.
     has_inputs: bool,
     whiten: Option<u64>,
 }

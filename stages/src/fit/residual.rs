@@ -24,7 +24,7 @@ pub fn residual_noise(parts: &[&FitLineSummary], point: &FitPoint, solved: &FitS
     let at = (point.matrix.clone(), point.targets());
     let one = |part: &&FitLineSummary| {
         let (terms, rates) = (part.terms.get(&at.0)?, part.rates.get(&at.0)?);
-        // Coefficient at the rate of this line, which may differ from the rate of the model.
+        // Coefficient converted to the rate of this line, which may differ from the rate of the model.
         let own = |(name, value): (&String, &f64)| {
             let rate = terms.iter().position(|term| term == name).and_then(|i| rates.get(i).copied().flatten());
             Some(value * factor(rate, name, solved.rate_hz).ok()?)

@@ -125,7 +125,7 @@ impl FitSamples<'_> {
 pub struct PointMonitor<'a> {
     /// Work of all points.
     pub work: &'a dyn CheckpointMonitor,
-    /// Position of the point among all points.
+    /// Index of the point among all points.
     pub point: usize,
 }
 

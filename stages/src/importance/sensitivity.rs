@@ -13,7 +13,7 @@ impl Importance {
     /// Elementary effects.
     ///
     /// # Errors
-    /// Fails if the model fails, or the levels are odd.
+    /// Fails if the model fails, or the number of levels is odd.
     pub(super) fn screened(
         &self,
         rows: &ImportanceRows,

@@ -20,7 +20,7 @@ use crate::{
     trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
-/// A column whose standard deviation is below this fraction of its mean holds only rounding errors.
+/// If the standard deviation of a column is below this fraction of its mean, its variation is rounding error.
 const LEAST_DEVIATION: f64 = 1e-12;
 
 /// Importance of a group.
@@ -39,7 +39,7 @@ pub struct GroupImportance {
 pub struct LineImportance {
     /// Importance of each group.
     pub weights: Vec<GroupImportance>,
-    /// Values of single samples, if they are explained.
+    /// Values of single samples, if the method explains samples.
     pub samples: Option<SampleAttributions>,
     /// 95 % bootstrap interval of each value, if the method has one.
     pub intervals: Option<Vec<[f64; 2]>>,
@@ -61,8 +61,8 @@ pub struct SampleAttributions {
 }
 
 impl SampleAttributions {
-    /// Values and inputs of `kept` evenly spaced samples, group by group. NaN if there are fewer samples, and for a
-    /// group of several inputs.
+    /// Values and inputs of `kept` evenly spaced samples, group by group. The lists are padded with NaN if there are
+    /// fewer samples. The inputs of a group of several inputs are NaN.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
         let count = self.x.len() / self.width.max(1);
         let shown = kept.min(count);
@@ -107,7 +107,7 @@ impl ImportanceRows {
         Ok(Self { x, y, width: inputs.len(), rate_hz: even_rate_hz(tt)? })
     }
 
-    /// Some of the rows, evenly spaced.
+    /// At most `most` of the rows, evenly spaced.
     fn spread(&self, most: usize) -> Vec<f64> {
         let (rows, count) = (self.y.len(), self.y.len().min(most));
         let at = (0..count).map(|k| (2 * k + 1) * rows / (2 * count));
@@ -342,7 +342,8 @@ fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
     (statistics::mean(x).value, statistics::std(x).value)
 }
 
-/// Fault of a model that fails, or of the rows or settings. `param` is the parameter for which the fault is reported.
+/// Fault for a failed model, or for unsuitable rows or settings. `param` is the parameter for which the fault is
+/// reported.
 pub(super) fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
     match (e, param) {
         (ImportanceError::Model(fault), _) => fault,

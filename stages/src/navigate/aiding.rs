@@ -63,7 +63,7 @@ pub struct GnssPositions {
 }
 
 impl GnssPositions {
-    /// Array of the column of [`Aiding::columns`].
+    /// Values of the column that [`Aiding::columns`] declares.
     pub(super) fn array(&self) -> ArrayRef {
         Arc::new(self.updates.iter().map(|update| Some(update.word())).collect::<StringArray>())
     }

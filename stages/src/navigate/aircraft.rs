@@ -67,7 +67,7 @@ pub(super) struct AircraftCoefficientStates<'a> {
 }
 
 impl AircraftCoefficientStates<'_> {
-    /// Hash of all these numbers.
+    /// Hash of the terms, their prior and their random walk.
     pub(super) fn hash(&self) -> HashKey {
         const PART: usize = 4096;
         let Self { terms, prior, walk_density } = self;
@@ -154,7 +154,7 @@ impl AircraftModelKeys {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
-        // Coefficients that are in all calibrations.
+        // Coefficients that all calibrations contain.
         let known: Vec<usize> = (0..names.len())
             .filter(|i| !models.is_empty() && models.iter().all(|m| m.term(&names[*i]).is_some()))
             .collect();
@@ -216,7 +216,8 @@ impl AircraftModelKeys {
     }
 }
 
-/// Rejects models with several magnetometers, because a model does not identify its magnetometer.
+/// Rejects models if there are several magnetometers, because a model does not name the magnetometer to which it
+/// belongs.
 pub(super) fn one_with_models(flown: &FilterInput) -> Result<(), Fault> {
     if flown.magnetometers.len() > 1 && !flown.models.is_empty() {
         let what = "`model` requires a single magnetometer, but `mag` names several";
@@ -315,8 +316,8 @@ mod tests {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
         let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
-        // Variances of 12 and 4 nT². They are multiplied by 4/3 for the mean, by 3 because the variances are estimates,
-        // and by the factor.
+        // Variances of 12 and 4 nT². These variances are multiplied by 4/3 for the mean, by 3 because they are
+        // estimates, and by the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
             assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
         }

@@ -40,7 +40,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         Ok(vec![])
     }
 
-    /// Keys of the aiding positions, if the filter uses any: [`FilterInput::fixes`].
+    /// Keys of the aiding positions ([`FilterInput::fixes`]), if the filter uses such positions.
     fn aiding(&self) -> Option<&Aiding> {
         self.groups().into_iter().find_map(|group| group.downcast_ref())
     }
@@ -85,7 +85,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
-    /// Whether the filter cannot run without such a table.
+    /// Whether the filter requires at least one table of `fit`.
     fn needs_model(&self) -> bool {
         false
     }
@@ -212,7 +212,7 @@ impl ChoiceKind for FilterDecl {
 pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Result<FilterTrack, Fault>> {
     let mut ours: Vec<Option<(&F, &FilterInput)>> = vec![];
     for (filter, flown) in points {
-        // All filters in a list of one kind have the same type.
+        // All filters of one kind have the same type, so the cast succeeds for every point.
         let filter: &dyn Any = *filter;
         ours.push(filter.downcast_ref::<F>().map(|filter| (filter, *flown)));
     }

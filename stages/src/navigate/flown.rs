@@ -142,8 +142,8 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
     }
 }
 
-/// Filter input of one point and its map. The map is `own`, at the heights of the line or, if the line has a height
-/// bias, `around`, which is continued below and above these heights.
+/// Filter input of one point and its map. The map is `own`, at the heights of the line. If the line has a height bias,
+/// the map is `around`, which is continued below and above these heights.
 fn flown_on<'a>(
     point: LinePoint<'a, Navigate>,
     ins: &'a InsColumns,
@@ -153,7 +153,7 @@ fn flown_on<'a>(
 ) -> Result<(FilterInput<'a>, Option<&'a NavigationMap>), Fault> {
     let exact = flown(point, ins, begin, own, (cores, found))?;
     let Some((tuned, around)) = exact.tuned.as_ref().zip(around) else { return Ok((exact, own)) };
-    // The levels of `own` do not always contain the heights that a height bias gives.
+    // With a height bias, heights may lie outside the levels of `own`.
     let has_bias = exact.map_height_sigma_m.is_some();
     if has_bias || tuned.may_be_biased(&exact, around)? {
         let biased = flown(point, ins, begin, Some(around), (cores, found))?;
@@ -225,7 +225,7 @@ fn flown<'a>(
         tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
-    // For a filter that processes each magnetometer separately, the offset of each is also subtracted.
+    // A filter that processes magnetometers separately needs their offsets subtracted as well.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     flown.start_range = stage.start_range(&flown)?;
@@ -238,7 +238,7 @@ fn flown<'a>(
     Ok(flown)
 }
 
-/// Sources of the noise of a line.
+/// Data from which the noise of a line is found.
 pub(super) struct NoiseSources<'a> {
     pub(super) stage: &'a Navigate,
     pub(super) ins: &'a InsColumns<'a>,
@@ -282,8 +282,8 @@ impl NoiseSources<'_> {
 }
 
 impl<'a> FilterInput<'a> {
-    /// Averages the available magnetometers at each sample. Their predictions are equal, so the mean loses no
-    /// information on the position. The offset of each magnetometer has already been subtracted.
+    /// Averages the available magnetometers at each sample. The predicted field is the same for all magnetometers, so
+    /// the mean loses no information on the position. The offset of each magnetometer has already been subtracted.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);
         if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {

@@ -389,8 +389,8 @@ impl AuxiliaryMeasurements {
         more
     }
 
-    /// Track of the output of [`AuxiliaryMeasurements::filter`]. Its columns are: the nonlinearity of the map (if
-    /// `bend`), the states (if `states`), and those of [`AuxiliaryMeasurements::columns`].
+    /// Track of the output of [`AuxiliaryMeasurements::filter`]. The track has the columns of the map's nonlinearity
+    /// (if `bend`), of the states (if `states`), and of [`AuxiliaryMeasurements::columns`].
     pub(super) fn track(
         &self,
         flown: &FilterInput,
@@ -428,8 +428,8 @@ pub(super) fn constant_columns([has_latency, has_map_height]: [bool; 2]) -> Vec<
 }
 
 impl FilterInput<'_> {
-    /// Arrays of [`constant_columns`], from the estimated lag and height bias and their standard deviations, which are
-    /// empty without a state.
+    /// Arrays of [`constant_columns`], from the estimates of lag and height bias and the standard deviations of these
+    /// estimates. Values are empty if the quantity is not a state.
     pub(super) fn constant_arrays(&self, constants: [[Vec<f64>; 2]; 2]) -> Vec<ArrayRef> {
         let rows = self.ins.len();
         let of = |[values, sigmas]: [Vec<f64>; 2]| match values.is_empty() {

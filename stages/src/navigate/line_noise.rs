@@ -18,11 +18,11 @@ use super::{
 use crate::columns::data;
 
 /// Time between two measurements used to estimate the noise, in seconds. Errors with a shorter correlation time are
-/// white.
+/// treated as white noise.
 pub(super) const INTERVAL_S: f64 = 5.0;
-/// The error of a map is used if its rms over the nodes, divided by the white noise, exceeds this value.
+/// The error of a map is used if the ratio of its rms over the nodes to the white noise exceeds this value.
 const LEAST_MAP_ERROR: f64 = 0.2;
-/// Time between two measurements of a filter if their innovations are white, in seconds.
+/// Time between two measurements, in seconds, if the innovations at this interval are white.
 const SHORT_INTERVAL_S: f64 = 1.0;
 
 /// Inputs that determine the noise of a line.
@@ -147,8 +147,8 @@ impl LineNoiseEstimate {
         Ok(Self { start, noise, rows, map_nt })
     }
 
-    /// The estimate with measurements at a shorter interval, if their innovations are white. An estimate with
-    /// coefficients of the aircraft field is returned unchanged.
+    /// Estimate with measurements at a shorter interval, if the innovations at this interval are white. An estimate
+    /// with coefficients of the aircraft field is returned unchanged.
     fn with_more_measurements(
         mut self,
         flown: &FilterInput,
@@ -167,8 +167,8 @@ impl LineNoiseEstimate {
         Ok(self)
     }
 
-    /// Whether a height bias increases the likelihood on a map that is continued above and below the line. `false`
-    /// without noise or with a state for the bias.
+    /// Whether a height bias increases the likelihood on a map that is continued above and below the line. `false` if
+    /// the noise is unknown or the bias is already a state.
     pub(super) fn may_be_biased(&self, flown: &FilterInput, map: &NavigationMap) -> Result<bool, Fault> {
         let Some(noise) = self.noise.filter(|noise| noise.map_height_sigma_m.is_none()) else { return Ok(false) };
         let flown = FilterInput { map: Some(&map.field), ..flown.clone() };

@@ -15,7 +15,7 @@ use crate::columns::{array, data, list};
 /// Number of modes in the column `modes`. A mode has at least 1 % of the weight; more than three modes are a diffuse
 /// cloud.
 const MODES: usize = 3;
-/// Smallest number of particles of KLD-sampling.
+/// Smallest number of particles that KLD-sampling may select.
 pub(super) const LEAST_PARTICLES: usize = 3000;
 /// Values per mode.
 const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"];

@@ -141,7 +141,7 @@ pub(crate) fn mean_rate_hz(tt_s: &[f64]) -> f64 {
     }
 }
 
-/// Whether a sample rate is near the sample rate of the training.
+/// Whether a sample rate is close enough to the sample rate of the training.
 pub(crate) fn is_near_rate(rate_hz: f64, trained_hz: f64) -> bool {
     (rate_hz / trained_hz - 1.0).abs() <= RATE_TOLERANCE
 }

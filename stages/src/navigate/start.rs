@@ -70,8 +70,8 @@ const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in seconds.
 const FIX_WITHIN_S: f64 = 2.0;
-/// Possible times from an unknown alignment to the fix, in seconds: for an old alignment, and for an alignment at the
-/// fix. Within an hour, about two thirds of a Schuler period, the tilts reach their largest errors.
+/// Possible times from an alignment at an unknown time to the fix, in seconds: for an old alignment, and for an
+/// alignment at the fix. Within an hour, about two thirds of a Schuler period, the tilts reach their largest errors.
 const ASSUMED_AGES_S: [f64; 2] = [3600.0, 0.0];
 /// Longest time from an alignment to a line, in seconds.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
@@ -109,7 +109,7 @@ pub(super) fn gnss_columns(given: Option<&[String; 3]>, shape: &TableShape) -> [
 }
 
 impl Navigate {
-    /// Source of the initial estimate on flights of this shape.
+    /// Source of the initial estimate on flights with these columns.
     pub(super) fn start_from(&self, shape: &TableShape) -> Result<StartSource, Fault> {
         let chosen = match self.start.start {
             StartSource::Auto if !self.is_auto() || self.ins.start_given => StartSource::Given,
@@ -170,8 +170,8 @@ impl Navigate {
         self.start.fix_velocity.clone().or(usual)
     }
 
-    /// Whether the error sources of the INS come from the flight's column [`INS_GRADE`]. They do if no key of the INS
-    /// is set and the initial standard deviations apply at the alignment.
+    /// Whether the error sources of the INS come from the flight's column [`INS_GRADE`]. This is the case if no key of
+    /// the INS is set and the initial standard deviations apply at the alignment.
     pub(super) fn takes_grade(&self, shape: &TableShape) -> bool {
         let start = self.start_from(shape);
         let at_alignment = matches!(start, Ok(StartSource::Alignment | StartSource::Fix));
@@ -330,7 +330,7 @@ mod tests {
         navigate::testing::{NavigateOutput, ROWS, flight, flown_on, numbers_of, with},
     };
 
-    /// Keys of the tests without those of the INS, so that the start follows from the columns.
+    /// Keys of the tests without the keys of the INS. The source of the initial estimate then follows from the columns.
     const KEYS: &str = "tuning = 'auto'\nmag = 'mag_1_c'\ncore_field = false";
 
     /// The flight with further columns.
@@ -354,7 +354,7 @@ mod tests {
         (INS_GRADE, "", Arc::new(StringArray::from(vec![text; ROWS])))
     }
 
-    /// Positions of a receiver from the second sample, 4 m north of the truth.
+    /// Positions of a receiver, 4 m north of the truth; the first sample has none.
     fn receiver() -> Vec<(&'static str, &'static str, ArrayRef)> {
         let of = |name: &str, offset: f64| {
             let values = numbers_of(&flight(), name).into_iter().enumerate();
@@ -387,7 +387,7 @@ mod tests {
             run("", &flight).unwrap().numbers("sd_n")[ROWS - 1]
         };
         assert!(spread(3000.0) > 2.0 * spread(0.0), "{} {}", spread(3000.0), spread(0.0));
-        // An unknown alignment is assumed to be an hour old.
+        // An alignment at an unknown time is assumed to be an hour old.
         let unknown = added(receiver().into_iter().chain([grade("tactical")]).collect());
         let assumed = run("", &unknown).unwrap().numbers("sd_n")[ROWS - 1];
         // The fix is at the second sample.

@@ -38,7 +38,7 @@ fn metres(lat: f64, lon: f64) -> (f64, f64) {
     ((lat - 45.0) * M_PER_DEG, (lon + 75.0) * M_PER_DEG * 45_f64.to_radians().cos())
 }
 
-/// The flight with the true height `up_m` above its height columns and above the map.
+/// The flight with a height bias: the true height is `up_m` above the height columns and the map.
 pub(super) fn higher(up_m: f64) -> RecordBatch {
     let flight = flight();
     let (lat, lon) = (numbers_of(&flight, "lat"), numbers_of(&flight, "lon"));
@@ -48,7 +48,7 @@ pub(super) fn higher(up_m: f64) -> RecordBatch {
     })
 }
 
-/// The map, nodes 0.001° apart.
+/// The map with nodes 0.001° apart.
 pub(super) fn map() -> RecordBatch {
     let nodes = || (0..340).flat_map(|row| (0..70).map(move |column| (row, column)));
     let lat: Vec<f64> = nodes().map(|(row, _)| 44.99 + 0.001 * f64::from(row)).collect();
@@ -67,7 +67,7 @@ pub(super) fn map() -> RecordBatch {
 }
 
 /// Ten minutes northward at 55 m/s, one sample per second. The INS has errors of 10 m and 0.15 m/s north, and of 0.2
-/// m/s east. `mag_1_c` and `mag_2_c` are the field and noise of 1 nT; the second has a gap. `mag_1_uc` also contains
+/// m/s east. `mag_1_c` and `mag_2_c` are the field plus noise of 1 nT; `mag_2_c` has a gap. `mag_1_uc` also contains
 /// the aircraft field, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down, and
 /// 12 nT. `tl` holds the terms of the aircraft field, `attitude` two features of the field direction.
 pub(super) fn flight() -> RecordBatch {
@@ -188,7 +188,7 @@ fn literal(value: toml::Value) -> Literal {
     }
 }
 
-/// Columns that a filter plans for the flight, or its faults.
+/// Columns of the track that a filter declares for the flight, or the faults of the filter.
 pub(super) fn planned(filter: &str, keys: &str) -> Result<Vec<Column>, Vec<Fault>> {
     planned_on(&args(filter, keys), &flight())
 }
@@ -242,7 +242,7 @@ pub(super) fn run(filter: &str, keys: &str) -> NavigateOutput {
     flown(filter, keys, &flight()).unwrap()
 }
 
-/// Asserts that keys are rejected with these words.
+/// Asserts that keys are rejected with a message that contains `words`.
 pub(super) fn assert_refused(filter: &str, keys: &str, words: &str) {
     let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys));
     let faults = match stage {

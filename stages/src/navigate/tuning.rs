@@ -177,9 +177,9 @@ impl Navigate {
         self.field.tuning == Tuning::Auto
     }
 
-    /// Whether noise and outliers of each line are estimated. The noise in the spec or the default noise of MagNav.jl
-    /// applies to flights without a map, to `ekf_online_nn` with an uncompensated magnetometer, and to the aircraft
-    /// field of several magnetometers.
+    /// Whether noise and outliers of each line are estimated. Otherwise the noise is the noise in the spec or
+    /// MagNav.jl's default. Nothing is estimated without a map, for `ekf_online_nn` with an uncompensated magnetometer,
+    /// or for the aircraft field of several magnetometers.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
@@ -199,7 +199,7 @@ impl Navigate {
         [sigma, fogm_sigma, fogm_tau, permanent, permanent_tau]
     }
 
-    /// States for the change of the permanent field that the keys give.
+    /// States for the change of the permanent field, if the keys set its standard deviation.
     pub(super) fn given_permanent(&self, flown: &FilterInput) -> Option<PermanentStates> {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states())?;
         let sigma = keys.permanent_change_sigma_nt.filter(|sigma| *sigma > 0.0)?;
@@ -220,7 +220,7 @@ impl Navigate {
         height.is_none() && self.finds_noise(true) && self.filter.keys.aircraft().is_none()
     }
 
-    /// Whether the track has the columns of the lag, and those of the height bias.
+    /// Whether the track has the columns of the lag, and whether it has the columns of the height bias.
     pub(super) fn has_constants(&self, has_map: bool) -> [bool; 2] {
         self.given_constants().map(|given| given.map_or_else(|| self.finds_noise(has_map), |sigma| sigma > 0.0))
     }
@@ -346,7 +346,7 @@ impl FilterInput<'_> {
         Some(PermanentStates { direction: self.field_directions(&rows)?, process })
     }
 
-    /// White noise of each measurement, divided by the white noise of a magnetometer.
+    /// White noise of each measurement, divided by the white noise of one magnetometer.
     pub(super) fn scale(&self) -> Vec<f64> {
         let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
         (0..self.ins.len()).map(|row| factor(row) / self.counts[row].sqrt()).collect()

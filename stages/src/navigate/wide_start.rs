@@ -19,12 +19,12 @@ use super::{
 };
 use crate::columns::{array, data};
 
-/// Columns of a filter that linearises the map from the first sample on: the initial standard deviation of the position
-/// (longer axis), and its largest value for which the map is linear within the noise, in metres.
+/// Columns of a filter that linearises the map from the first sample on, in metres: the initial standard deviation of
+/// the position (longer axis), and the largest standard deviation for which the map is linear within the noise.
 pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 
 /// Standard deviation (nT) and time constant (s) of the slow error that is assumed while particles locate the aircraft,
-/// if they are unset. A calibration may leave a constant of this size.
+/// if the keys are unset. A calibration may leave a constant of this size.
 const SLOW_ERROR: (f64, f64) = (30.0, 3000.0);
 
 impl Navigate {
@@ -66,8 +66,8 @@ impl Navigate {
 
 impl NoiseSources<'_> {
     /// Same as [`NoiseSources::find`], for a start over which the map is not linear. Particles locate the aircraft. The
-    /// INS is corrected by that position and velocity, and noise and outliers are estimated along the corrected INS.
-    /// The assumed noise is kept if the particles do not find a single position.
+    /// position and velocity that they find correct the INS, and noise and outliers are estimated along the corrected
+    /// INS. The assumed noise is kept if the particles do not find a single position.
     pub(super) fn find_from_wide_start(
         &self,
         flown: &mut FilterInput,
@@ -99,7 +99,7 @@ impl NoiseSources<'_> {
         }
         let mut measured_nt = flown.measured_nt.clone();
         if unset(noise.measurement_sigma_nt) {
-            // Errors with a shorter correlation time are then white.
+            // Errors with a shorter correlation time than this interval are then white.
             measured_nt.fill(f64::NAN);
             rows_at(flown.ins.tt_s, INTERVAL_S).into_iter().for_each(|row| measured_nt[row] = flown.measured_nt[row]);
         }
@@ -123,7 +123,8 @@ impl NoiseSources<'_> {
 }
 
 impl FilterInput<'_> {
-    /// Rejects an offset that is computed at a position of the INS outside the range over which the map is linear.
+    /// Rejects an offset that is computed at an INS position whose error may exceed the range over which the map is
+    /// linear.
     ///
     /// # Errors
     /// Fails if an offset is requested and the start is wide.

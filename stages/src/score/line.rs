@@ -63,7 +63,7 @@ impl<'a> ScoreLine<'a> {
         floats(&self.line.inputs[0], "tt")
     }
 
-    /// Columns of a source, in its order.
+    /// Columns of a source, in the order that the source defines.
     ///
     /// # Errors
     /// Fails if the line lacks the source, or one of its columns does not hold numbers.

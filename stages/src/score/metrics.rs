@@ -165,7 +165,7 @@ mod tests {
         assert_eq!(all.iter().map(|(name, _)| *name).collect::<Vec<_>>(), names);
         for (name, figure) in all {
             let alone = scored(&Score { metrics: only(name), ..score() }, &line);
-            // A retention is always scored with its standard error.
+            // `anomaly_retention` is always scored with its standard error.
             assert_eq!(alone.len(), if name == "anomaly_retention" { 2 } else { 1 }, "{name}");
             let own = alone.iter().find(|(of, _)| *of == name).unwrap().1;
             assert_eq!((own.value.to_bits(), own.n), (figure.value.to_bits(), figure.n), "{name}");

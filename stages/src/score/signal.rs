@@ -200,7 +200,7 @@ mod tests {
         let core = seconds(200, |t| 52_000.0 + 0.1 * t);
         let mag = anomaly.iter().zip(&core).map(|(a, c)| c + 0.5 * a).collect();
         let tables = [vec![("mag_c", mag), ("igrf", core), ("anomaly_truth", anomaly)]];
-        // Rounding error of 52,000 nT.
+        // Rounding error at 52,000 nT.
         assert!((value(&ANOMALY_RETENTION, &tables).value - 0.5).abs() < 1e-9);
     }
 

@@ -14,7 +14,7 @@ pub enum ScoreSource {
     Aircraft,
     /// True signal, named by `truth`.
     Truth,
-    /// Error of the map of a track, due to the difference between the heights of map and line.
+    /// Error of a track's map due to the difference between the heights of map and line.
     MapHeight,
     /// The core field.
     Core,
@@ -63,7 +63,7 @@ pub struct ScoreSourceColumns {
 }
 
 impl ScoreSource {
-    /// All sources except single columns, in reading order.
+    /// All sources except single columns, in the order in which they are read.
     const ALL: [ScoreSource; 19] = [
         ScoreSource::Signal,
         ScoreSource::Aircraft,
@@ -90,7 +90,7 @@ impl ScoreSource {
     pub const TRUTHS: [ScoreSource; 4] =
         [ScoreSource::Truth, ScoreSource::Position, ScoreSource::Height, ScoreSource::Velocity];
 
-    /// Whether it is a truth source.
+    /// Whether the source belongs to the truth.
     pub fn is_truth(self) -> bool {
         Self::TRUTHS.contains(&self)
     }
@@ -177,7 +177,7 @@ impl ScoreSourceIndex {
         self.0.iter().find(|(s, _)| *s == source).map(|(_, place)| place)
     }
 
-    /// All available sources, in reading order.
+    /// All available sources, in the order in which they are read.
     pub fn iter(&self) -> impl Iterator<Item = (ScoreSource, &ScoreSourceColumns)> {
         self.0.iter().map(|(source, place)| (*source, place))
     }

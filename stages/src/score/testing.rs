@@ -12,7 +12,8 @@ use super::{Score, line::ScoreLine, metric::Scorer, metrics::SCORERS, source::Sc
 /// The columns of a table.
 pub type ScoreTestColumns = Vec<(&'static str, Vec<f64>)>;
 
-/// True latitude and longitude. In the table their names have no prefix, and they have the role truth.
+/// True latitude and longitude. In the table, the names of these columns have no prefix `true`, and the columns have
+/// the role truth.
 pub const TRUE_POSITION: [&str; 2] = ["true lat", "true lon"];
 
 /// Every metric, for `mag_c` against `mag_1_c`.
@@ -43,7 +44,7 @@ pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
 }
 
 /// A track of these positions, with a standard deviation of 10 m in each direction and updates that repeat every ten
-/// samples. Of five samples, one has a GNSS position and one a rejected GNSS position.
+/// samples. In every five samples, one has a used and one a rejected GNSS position.
 pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     let all = |value: f64| vec![value; lat.len()];
     let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
@@ -51,7 +52,7 @@ pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
 }
 
-/// The line of these tables, which all have times, and a track with the outcomes of its measurements.
+/// A line with these tables. Times are added to every table, and the outcomes of measurements to the table of a track.
 pub fn line(tables: &[ScoreTestColumns]) -> LineInput {
     let inputs = tables.iter().map(batch).collect();
     LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
@@ -82,7 +83,7 @@ pub fn shapes(line: &LineInput) -> Vec<TableShape> {
     line.inputs.iter().map(|b| TableShape::from_schema(&b.schema())).collect()
 }
 
-/// One metric for these tables.
+/// Value of one metric for these tables.
 pub fn value(scorer: &Scorer, tables: &[ScoreTestColumns]) -> SampleStatistic {
     let (stage, line) = (score(), line(tables));
     let shapes = shapes(&line);

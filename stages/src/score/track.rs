@@ -279,7 +279,7 @@ fn ungated(line: &ScoreLine, values: &[f64]) -> Result<Vec<f64>, Fault> {
     Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
-/// Fraction of the finite values for which `so` is true.
+/// Fraction of the finite values that satisfy `so`.
 fn share(values: &[f64], so: fn(f64) -> bool) -> SampleStatistic {
     let known = || values.iter().filter(|x| x.is_finite());
     let n = known().count();
@@ -372,7 +372,8 @@ mod tests {
         assert_eq!(value(&NIS, &tables), SampleStatistic { value: 0.5, n: 8 });
     }
 
-    /// A track of `n` samples along the equator with these errors north in m and a standard deviation of 10 m each way.
+    /// A track of `n` samples along the equator with these errors north in m and a standard deviation of 10 m in each
+    /// direction.
     fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [ScoreTestColumns; 2] {
         let truth = vec![(TRUE_POSITION[0], seconds(n, |_| 0.0)), (TRUE_POSITION[1], seconds(n, |t| 1e-5 * t))];
         [truth, track(seconds(n, |t| north_m(t) / 110_574.3), seconds(n, |t| 1e-5 * t))]

@@ -14,7 +14,8 @@ pub struct NetworkColumns {
     pub(super) linear: Vec<String>,
     /// Vector form of the linear terms.
     pub(super) frame: Option<VectorFrame>,
-    /// Inputs and further linear terms, and the positions of the linear terms among them.
+    /// Names of the inputs, then of the linear terms that are not inputs; and the positions of all linear terms among
+    /// these names.
     pub(super) all: Vec<String>,
     pub(super) linear_at: Vec<usize>,
 }
@@ -33,7 +34,7 @@ impl NetworkColumns {
         Self { inputs, linear, frame, all, linear_at }
     }
 
-    /// The inputs and the linear terms of rows of all columns, row-major.
+    /// Splits rows of all columns into the inputs and the linear terms, both row-major.
     pub(super) fn split(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let rows = || x.chunks_exact(self.all.len().max(1));
         let own = self.inputs.len();

@@ -59,7 +59,8 @@ impl ForeignModel {
     /// See [`ExternalModel::predict`].
     ///
     /// # Errors
-    /// Fails in the same cases. Also fails if the number of predictions differs from the number of rows.
+    /// Fails in the cases of [`ExternalModel::predict`]. Also fails if the number of predictions differs from the
+    /// number of rows.
     pub fn predict(&self, x: &[f64]) -> Result<FieldPrediction, Fault> {
         let rows = x.len() / self.columns().len().max(1);
         let made = self.0.predict(x)?;

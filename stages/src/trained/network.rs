@@ -130,7 +130,7 @@ impl NetworkEnsemble {
     /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, in nT.
     ///
     /// # Errors
-    /// Fails if it is the mean of several networks.
+    /// Fails if the model is the mean of several networks.
     pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
         let [member] = &self.members[..] else {
             let what = format!("the model is the mean of {} networks, but an ONNX file holds one", self.members.len());
@@ -142,7 +142,7 @@ impl NetworkEnsemble {
         self.shape.to_onnx(member, &scales).map_err(|e| Fault::bug(e.to_string()))
     }
 
-    /// The scaled inputs and the linear terms of rows.
+    /// Splits rows of all columns into the scaled inputs and the linear terms.
     fn split(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (inputs, linear) = self.columns.split(x);
         (self.scaling.apply(&inputs), linear)
@@ -200,8 +200,8 @@ impl NetworkEnsemble {
         })
     }
 
-    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient). A column that is both an input and a linear term
-    /// has the sum of both derivatives.
+    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient). For a column that is both an input and a linear
+    /// term, both derivatives are added.
     pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
         let (z, a) = self.split(x);
         let (width, own) = (self.columns().len(), self.inputs().len());
@@ -356,7 +356,8 @@ mod tests {
         NetworkEnsemble::new(columns, scaling, shape, members, (40.0, 7.0)).unwrap()
     }
 
-    /// Rows of the columns of a network: inputs, then terms of the fields of three attitudes.
+    /// Values of all columns of a network in each row: the inputs, then the terms of the field at one of three
+    /// attitudes.
     fn rows(network: &NetworkEnsemble) -> Vec<f64> {
         let width = network.columns().len();
         if network.columns.frame.is_none() {

@@ -23,8 +23,8 @@ pub const PART_VECTORS: [&str; 12] = [
 /// Parts of a prediction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PredictionParts {
-    /// Field that the linear terms alone predict in each row, nT. The rest of the prediction is the part of the
-    /// network and of constants. The linear terms of `m3v` are coupled to the network; this is f(v) without a network.
+    /// Field that the linear terms alone predict in each row, nT. The rest of the prediction comes from the network and
+    /// from constants. The linear terms of `m3v` are coupled to the network; this is f(v) without a network.
     pub linear_nt: Vec<f64>,
     /// Vectors of each row in the axes of the terms, nT: permanent, induced and eddy-current field, and the vector of
     /// the network, which is 0 if the network is added to the scalar field. Empty for a model without vectors.
@@ -119,7 +119,7 @@ mod tests {
         (shape, member, LearnedModel::Network(ensemble))
     }
 
-    /// Outputs of the network of a row, by the formula of its layers.
+    /// Outputs of the network in a row, computed from the formula of its layers.
     fn outputs(member: &[f64], x: [f64; 2], count: usize) -> Vec<f64> {
         let z = [(x[0] - 1.0) / 2.0, (x[1] + 2.0) / 0.5];
         let hidden: Vec<f64> =

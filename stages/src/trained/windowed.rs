@@ -84,10 +84,10 @@ impl WindowedNetwork {
         }
     }
 
-    /// Checks that samples at a rate can be its input.
+    /// Checks that the network accepts samples at this rate.
     ///
     /// # Errors
-    /// Fails if it was trained at another rate.
+    /// Fails if the network was trained at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
@@ -99,7 +99,7 @@ impl WindowedNetwork {
         Err(Fault::data(what).help("add a `resample` stage, so that the line has the rate of the fit"))
     }
 
-    /// Prediction for rows in runs of these lengths.
+    /// Prediction for rows that form runs of these lengths.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> FieldPrediction {
         let (mean, scale) = self.target;
         let (inputs, linear) = self.columns.split(x);

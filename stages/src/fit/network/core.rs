@@ -44,7 +44,7 @@ impl NetworkCore {
         }
     }
 
-    /// State of a training that starts from these parameters.
+    /// Initial state of a training that starts from these parameters.
     pub fn start(&self, parameters: Vec<f64>) -> TrainingState {
         match self {
             NetworkCore::Dense(shape) => TrainingState::new(shape, parameters),
@@ -60,13 +60,13 @@ impl NetworkCore {
         }
     }
 
-    /// Parameters, converted for a network of scaled terms.
+    /// Parameters for a network with scaled terms, converted from those for unscaled terms.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         let (before, head) = parameters.split_at(self.head_start());
         [before, &terms.scaled(self.head(), head)].concat()
     }
 
-    /// Parameters, converted for a network of unscaled terms.
+    /// Parameters for a network with unscaled terms, converted from those for scaled terms.
     pub fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         let (before, head) = parameters.split_at(self.head_start());
         [before, &terms.original(self.head(), head)].concat()

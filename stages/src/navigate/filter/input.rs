@@ -69,12 +69,12 @@ pub struct FilterInput<'a> {
     /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, for a
     /// filter that estimates the bias. `None` without a state for the bias.
     pub map_height_sigma_m: Option<f64>,
-    /// Whether the track has the columns of the lag, and those of the height bias.
+    /// Whether the track has the columns of the lag, and whether it has the columns of the height bias.
     pub(in crate::navigate) has_constants: [bool; 2],
     /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
-    /// Uncertainty of the initial position, and the largest one over which the map is linear within the assumed noise.
-    /// `None` without a map or a measured field.
+    /// Uncertainty of the initial position, and the largest uncertainty over which the map is linear within the assumed
+    /// noise. `None` without a map or a measured field.
     pub start_range: Option<LinearRange>,
     /// Number of magnetometers in each element of `measured_nt`.
     pub(in crate::navigate) counts: Vec<f64>,
@@ -152,7 +152,8 @@ impl FilterInput<'_> {
     }
 
     /// Standard deviation of the white noise of one magnetometer at each sample, in nT, for a filter that uses each of
-    /// [`FilterInput::magnetometers`]. The map error is common to all, so its variance is multiplied by their number.
+    /// [`FilterInput::magnetometers`]. The map error is common to all magnetometers, so its variance is multiplied by
+    /// the number of magnetometers.
     pub fn sigma_of_each_nt(&self) -> Vec<f64> {
         let count = self.magnetometers.len() as f64;
         (0..self.ins.len()).map(|row| self.own_sigma_nt(row).hypot(count.sqrt() * self.map_sigma_at(row))).collect()

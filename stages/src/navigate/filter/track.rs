@@ -144,7 +144,7 @@ pub fn state_columns() -> Vec<Column> {
 /// # Errors
 /// Fails if the values do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
-    // Moved out of the filter output, because the covariances of a long flight occupy half a gigabyte.
+    // The values are moved instead of copied, because the covariances of a long flight occupy half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
     Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
 }
