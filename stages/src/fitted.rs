@@ -100,7 +100,8 @@ impl FittedModel {
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
     }
 
-    /// Coefficients of [`FittedModel::columns`] of a linear model, and the constant of the model.
+    /// Coefficients of a linear model, in the order of [`FittedModel::columns`], and the constant of the model. `None`
+    /// for a nonlinear model.
     pub fn coefficients(&self) -> Option<(Vec<f64>, f64)> {
         let FittedModelForm::Linear { terms, values } = &self.body else { return None };
         let of = |constant: bool| terms.iter().zip(values).filter(move |(t, _)| (*t == INTERCEPT) == constant);

@@ -180,7 +180,7 @@ mod tests {
         LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
-    /// Noise of the process with a white part of 1 nT, at 10 Hz.
+    /// Realisation of the process plus white noise of 1 nT, at 10 Hz.
     fn noisy(seconds: f64, seed: u64) -> Vec<f64> {
         let tt: Vec<f64> = (0..(10.0 * seconds) as usize).map(|k| 0.1 * k as f64).collect();
         let mut normals = NormalGenerator::new(seed);
@@ -188,7 +188,8 @@ mod tests {
         lasting.into_iter().map(|x| x + normals.draw()).collect()
     }
 
-    /// White noise, standard deviation and time constant of the process, and number of samples.
+    /// Estimates of the white noise and of the standard deviation and time constant of the process; and the number of
+    /// samples.
     fn estimate_noise(stage: &FogmNoise, lines: &[LineInput]) -> Result<([f64; 3], i64), Fault> {
         let gather = FogmNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();

@@ -21,7 +21,7 @@ pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
     maps.iter().map(|table| AnomalyGrid::of_table(table).map_err(Fault::from)).collect()
 }
 
-/// Map that a stage returns, with its warnings.
+/// Output of a stage: a map and the warnings about it.
 ///
 /// # Errors
 /// Fails if the map has no known value.
@@ -73,7 +73,7 @@ pub mod testing {
         AnomalyGrid::new(axis(500_000.0), axis(5_000_000.0), crs, values, GridHeight::Level(LEVEL_M)).unwrap()
     }
 
-    /// The values of the middle third of a map, with their distances from its south-west corner.
+    /// Values of the nodes in the middle third of a map, each after the node's distances from the south-west corner.
     pub fn middle(map: &AnomalyGrid) -> Vec<(f64, f64, f64)> {
         let inside = NODES / 3..2 * NODES / 3;
         let nodes = inside.clone().flat_map(|j| inside.clone().map(move |i| (i, j)));

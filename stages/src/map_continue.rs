@@ -180,7 +180,8 @@ impl ContinuationJob<'_> {
         })
     }
 
-    /// Continues from one level to another, or differentiates at either.
+    /// Continues a level map to `to_m` and computes the derivative there, if one is requested. Without `to_m`, computes
+    /// the derivative at the level of the map.
     fn level_to(&mut self, level_m: f64) -> Result<(PlaneGrid, GridHeight), Fault> {
         let padding = Padding::default();
         let Some(to_m) = self.stage.to_m else {

@@ -192,8 +192,8 @@ fn lasting_factor(step_m: f64, length_m: f64) -> f64 {
     (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt()
 }
 
-/// Rms error of bilinear interpolation over the known cells. In the middle of a cell it is the difference from cubic
-/// convolution (Keys 1981). It decreases to 0 at the nodes.
+/// Rms error of bilinear interpolation over the known cells. In the middle of a cell, the error is the difference from
+/// cubic convolution (Keys 1981). The error decreases to 0 at the nodes.
 fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
     const WEIGHTS: [f64; 4] = [-1.0 / 16.0, 9.0 / 16.0, 9.0 / 16.0, -1.0 / 16.0];
     let (mut sum, mut cells) = (0.0, 0.0);

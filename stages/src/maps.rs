@@ -147,7 +147,7 @@ fn projected(own: &NativeGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<Gr
     let middle_deg = 0.5 * (columns.first + columns.last());
     let project = |lat: f64, lon: f64| {
         let (easting, northing) = system.project(lat, lon)?;
-        // Longitudes of another datum continue beyond 180 degrees, as in the map.
+        // Longitudes in another datum are shifted by multiples of 360 degrees if the map continues beyond 180 degrees.
         let rounds = if system.is_geographic() { ((middle_deg - easting) / 360.0).round() } else { 0.0 };
         Some((easting + 360.0 * rounds, northing))
     };

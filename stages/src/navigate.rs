@@ -147,7 +147,7 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
     (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
-/// Expected error of a map that is used at a height other than the height of its file, for `score`.
+/// Column for `score`: the expected error of a map that is used at a height other than its own.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// Catalogue entry of the stage, with `filters` to choose from.

@@ -246,7 +246,7 @@ mod tests {
         ResidualNoise { mag: "mag_c".into(), truth: truth.map(str::to_owned) }
     }
 
-    /// White noise, and the number of samples.
+    /// Estimated white noise, and the number of samples.
     fn found(stage: &ResidualNoise, lines: &[LineInput]) -> Result<(f64, i64), Fault> {
         let gather = ResidualNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
@@ -270,8 +270,8 @@ mod tests {
             sigmas.push(sigma);
         }
         sigmas.sort_by(f64::total_cmp);
-        // The Allan variance gives an upper bound at all averaging times. For a single line its error is a few per
-        // cent.
+        // The estimate bounds the Allan variance at all averaging times. The error of the estimate is a few per cent
+        // for a single line.
         assert!((sigmas[4] / SIGMA_NT - 1.0).abs() < 0.05, "{sigmas:?}");
         assert!(sigmas.iter().all(|s| (s / SIGMA_NT - 1.0).abs() < 0.15), "{sigmas:?}");
     }

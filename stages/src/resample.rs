@@ -272,7 +272,7 @@ impl LineStage for Resample {
 }
 
 impl Resample {
-    /// Inputs, with their times minus the lag of each input.
+    /// Inputs. The lag of each input is subtracted from the times of the input.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
         let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage has no input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {

@@ -124,7 +124,7 @@ impl SimulateIns {
         InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::from_sources(self.ins.sources) }
     }
 
-    /// Realisation of a line: truth minus INS, one value per sample.
+    /// Realisation of the INS error along a line: truth minus INS, one value per sample.
     fn errors(&self, truth: &InsSeries, line: &LineInput) -> Result<Vec<StateVector>, Fault> {
         let normals = |what| NormalGenerator::new(seed_of(self.seed as u64, &[&line.flight, &line.line, what]));
         let (mut block, mut within) = (normals("ins"), normals("ins within a second"));

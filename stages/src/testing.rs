@@ -21,7 +21,7 @@ pub fn batch(columns: StageTestColumns) -> RecordBatch {
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
-/// A point of a survey stage without models and maps.
+/// A point of a sweep over a stage that processes all lines together, without models or maps.
 pub fn point<S: SurveyStage>(stage: &S) -> SurveyPoint<'_, S> {
     SurveyPoint { stage, inputs: &[] }
 }

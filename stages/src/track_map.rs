@@ -125,7 +125,8 @@ const KNOWN: f64 = 0.25;
 const MOST_NODES: f64 = 1e7;
 /// Fraction of the variance that the basis may omit without a warning.
 const LACKING: f64 = 1e-3;
-/// Residual of the model, in standard deviations of the measurement noise, that is allowed without a warning.
+/// A warning is reported if the residual of the model exceeds this number of standard deviations of the measurement
+/// noise.
 const MISFIT: f64 = 2.0;
 
 impl TrackMap {

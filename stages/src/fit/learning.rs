@@ -1,4 +1,4 @@
-//! Points of a sweep of fits whose models learn from samples, and the data shared by their networks.
+//! Points of a sweep whose models learn from samples, and the data that their networks share.
 
 use std::collections::BTreeMap;
 

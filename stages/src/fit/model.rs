@@ -186,7 +186,7 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// Returns whether the model is a point on the ridge path shared by the points of a sweep.
+    /// Returns whether the solution of the model lies on the ridge path that the points of a sweep share.
     fn is_ridge(&self) -> bool {
         false
     }

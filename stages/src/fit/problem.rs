@@ -1,4 +1,4 @@
-//! Models of a sweep, computed from the moments of its lines.
+//! Models of a sweep, computed from the moments of the lines.
 
 use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
@@ -276,7 +276,7 @@ impl<'a> FitProblem<'a> {
         self.shares.iter().zip(&self.factors).filter_map(own).collect()
     }
 
-    /// Rows of each line with their origin, for models that learn from samples.
+    /// Rows of each line with the names of line and flight, for models that learn from samples.
     pub fn samples(&self) -> FitSamples<'_> {
         let lines = self.rows().into_iter().zip(&self.shares).zip(&self.lines).zip(&self.flights);
         let one = |(((rows, share), name), flight): (((_, &&'a LineContribution), &'_ String), &'_ String)| {

@@ -336,7 +336,8 @@ fn unfiltered(
     Ok(WidebandContribution { asked: asked.collect(), wide })
 }
 
-/// Runs joined into one sequence, trimmed or untrimmed.
+/// Ranges of the runs after they are joined into one sequence: the whole runs, and the runs without `trim` rows at each
+/// end.
 fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
     let mut start = 0;
     let mut whole = vec![];

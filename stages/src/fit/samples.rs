@@ -41,7 +41,7 @@ impl LineSamples<'_> {
         [self.line(), self.flight.as_str(), self.name.as_str()].contains(&name)
     }
 
-    /// Columns of the line's rows, row-major.
+    /// The columns `at` of the line's rows, row-major.
     pub fn columns(&self, at: &[usize], width: usize) -> Vec<f64> {
         let mut out = Vec::with_capacity(self.y.len() * at.len());
         self.add_columns(at, width, &mut out);

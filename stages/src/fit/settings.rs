@@ -55,7 +55,7 @@ impl Divisor {
 /// Data to which a model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FitData {
-    /// Moments of the lines, whose factors a whole sweep shares.
+    /// Moments of the lines. All points of a sweep share the factors of these moments.
     Moments,
     /// Filtered rows.
     Rows,

@@ -87,7 +87,7 @@ fn dates(points: &SurveyPointSet) -> Result<Option<Vec<f64>>, Fault> {
     (0..points.len()).map(one).collect::<Result<Vec<f64>, Fault>>().map(Some)
 }
 
-/// Fault when no point remains to grid.
+/// Fault if no point remains to grid.
 pub fn nothing_left(points: gridding::SurveyPoints, options: &CleaningOptions) -> Fault {
     let cleaned = clean(points, options);
     let left_out = [

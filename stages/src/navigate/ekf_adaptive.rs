@@ -22,7 +22,8 @@ use crate::columns::{array, data};
 /// Default bounds of the estimated noise, as factors of the assumed noise.
 const LEAST: f64 = 1.0 / 20.0;
 /// Default lower bound if the noise of the line has already been estimated, as a factor of that estimate. An estimate
-/// below this bound is due to chance in the window of innovations, or to position errors that fit the map too closely.
+/// below this bound is due to chance in the window of innovations, or to a position error that makes the measurement
+/// fit the map too closely.
 const LEAST_TUNED: f64 = 0.5;
 const LARGEST: f64 = 20.0;
 

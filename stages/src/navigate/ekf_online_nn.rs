@@ -309,7 +309,7 @@ mod tests {
         names.iter().map(ToString::to_string).collect()
     }
 
-    /// A trained network of `b` and `a`, and its table.
+    /// A trained network with the inputs `b` and `a`, and its table.
     fn model(members: usize) -> (trained::NetworkEnsemble, Fitted) {
         let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
         let activation = network::ActivationFunction::Swish;

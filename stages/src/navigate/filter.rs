@@ -18,7 +18,7 @@ pub use input::{FilterFlight, FilterInput, FilterMagnetometer};
 pub(super) use track::enough;
 pub use track::{FilterTrack, UpdateOutcome, state_arrays, state_columns};
 
-/// Groups of keys that a filter shares with others. Implemented by [`filter!`](crate::filter!).
+/// Groups of keys that a filter shares with other filters. Implemented by [`filter!`](crate::filter!).
 pub trait FilterGroups {
     /// Groups, in the order of their declaration.
     fn groups(&self) -> Vec<&dyn Any>;

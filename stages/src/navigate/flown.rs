@@ -322,7 +322,8 @@ impl<'a> FilterInput<'a> {
         Ok(())
     }
 
-    /// Restores the magnetometers of a filter that processes each separately, without the removed measurements.
+    /// Restores the separate magnetometers for a filter that processes each separately, without the removed
+    /// measurements.
     pub(super) fn restore(&mut self, mut magnetometers: Vec<FilterMagnetometer<'a>>) {
         for FilterMagnetometer { measured_nt, .. } in &mut magnetometers {
             let removed = measured_nt.iter_mut().zip(&self.measured_nt).filter(|(_, mean)| !mean.is_finite());

@@ -1,5 +1,5 @@
-//! Measurements in addition to the scalar field: the difference of two magnetometers, the field vector, a height. Also
-//! the map error as a state, and samples at which the map is too flat.
+//! Measurements in addition to the scalar field: the difference of two magnetometers, the field vector, a height. The
+//! module also covers the map error as a state, and samples at which the map is too flat.
 
 use arrow_array::ArrayRef;
 use numerics::{

@@ -86,7 +86,8 @@ impl SensorGeometry {
         x.iter().zip(y.iter().zip(z)).map(of).collect()
     }
 
-    /// Factor on the standard deviation at an angle of this cosine; NaN without signal or angle.
+    /// Factor on the standard deviation at the angle with this cosine; NaN if the signal vanishes or the angle is
+    /// unknown.
     pub(super) fn noise_factor(&self, cosine: f64) -> f64 {
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         let amplitude = match self.dead_zones {

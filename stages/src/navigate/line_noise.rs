@@ -1,4 +1,4 @@
-//! Estimate of the noise of one line, and of the time of its alignment if this is unknown.
+//! Estimates the noise of one line and, if it is unknown, the time of the INS alignment.
 
 use numerics::navigation::{
     ins_error::InsErrorModel,

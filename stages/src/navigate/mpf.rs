@@ -161,7 +161,7 @@ pub(super) fn reject_lost(out: &MpfOutput) -> Result<(), Fault> {
     Err(Fault::data(what).help(help))
 }
 
-/// Values of the first modes.
+/// Values of the most probable modes; NaN for modes that do not exist.
 fn columns_of(modes: &[PositionMode]) -> Vec<f64> {
     let mut numbers = vec![];
     for k in 0..MODES {

@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn unit_without_a_revisit_the_track_equals_the_ins() {
         let (found, ins) = (run("slam", "mag = 'mag_1_c'\nparticles = 20"), run("ins_only", "mag = 'mag_1_c'"));
-        // The mean of the particles' paths is within a few standard errors.
+        // The mean of the particles' paths is within a few standard errors of the INS path.
         let apart = (found.error_m(ROWS - 1) - ins.error_m(ROWS - 1)).abs();
         assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
         assert_eq!(found.updates("used"), 0);

@@ -423,7 +423,7 @@ mod tests {
         let spread = |columns, keys: &str| run(keys, &added(columns)).unwrap().numbers("sd_n")[ROWS - 1];
         let own = |text: &str| vec![aligned(0.0), grade(text)];
         let tactical = spread(vec![aligned(0.0)], "ins_grade = 'tactical'");
-        // An accelerometer bias of 9.8e-3 m/s² against an initial tilt of 0.01°, which is 1.7e-3 m/s².
+        // An accelerometer bias of 9.8e-3 m/s² exceeds the effect of an initial tilt of 0.01°, which is 1.7e-3 m/s².
         let magnav = spread(vec![aligned(0.0)], "");
         assert!(tactical > 3.0 * magnav, "{tactical} {magnav}");
         assert_eq!(spread(own("tactical"), ""), tactical);

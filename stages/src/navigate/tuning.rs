@@ -340,7 +340,7 @@ impl FilterInput<'_> {
         Some(rows.iter().map(|row| field_direction(core, &self.ins, *row)).collect())
     }
 
-    /// States for a change of the permanent field by this process; `None` without a core field.
+    /// States for a change of the permanent field that follows this process; `None` without a core field.
     pub(super) fn permanent_states(&self, process: GaussMarkov) -> Option<PermanentStates> {
         let rows: Vec<usize> = (0..self.ins.len()).collect();
         Some(PermanentStates { direction: self.field_directions(&rows)?, process })

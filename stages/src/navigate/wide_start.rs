@@ -28,7 +28,7 @@ pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 const SLOW_ERROR: (f64, f64) = (30.0, 3000.0);
 
 impl Navigate {
-    /// Whether the initial position is compared with the range over which the map is linear.
+    /// Whether the uncertainty of the initial position is compared with the range over which the map is linear.
     fn tests_start(&self) -> bool {
         let filter = &self.filter.keys;
         filter.needs_map() && filter.takes_field() && !filter.takes_wide_start()
@@ -45,7 +45,7 @@ impl Navigate {
         columns.filter(|_| self.tests_start()).collect()
     }
 
-    /// Arrays of these columns.
+    /// Arrays of the columns [`START_COLUMNS`].
     pub(super) fn start_arrays(&self, flown: &FilterInput) -> Vec<ArrayRef> {
         if !self.tests_start() {
             return vec![];
@@ -89,7 +89,7 @@ impl NoiseSources<'_> {
         Ok(())
     }
 
-    /// INS corrected by the position and velocity that particles find, and the error model at its first sample.
+    /// INS corrected by the position and velocity that particles find, and its error model at the first sample.
     fn located(&self, flown: &FilterInput) -> Result<Option<(InsColumns<'_>, InsErrorModel)>, Fault> {
         let noise = &self.stage.noise;
         let mut errors = flown.errors;

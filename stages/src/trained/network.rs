@@ -1,8 +1,8 @@
 //! A network in a model table: its layout and its prediction.
 //!
-//! The network N has the inputs z = (x - `input_mean`) / `input_scale`, where x are the unscaled inputs. If there are
-//! components, these inputs are multiplied by `component`. The unscaled linear terms are a. The field is the sum of
-//! `target_mean` and `target_scale` times
+//! The network N has the inputs z = (x - `input_mean`) / `input_scale`, where x are the unscaled inputs. If the table
+//! has components, the inputs of N are `component` z instead of z. The unscaled linear terms are a. The field is the
+//! sum of `target_mean` and `target_scale` times
 //!
 //! | `form` | |
 //! |---|---|
@@ -167,10 +167,10 @@ impl NetworkEnsemble {
         FieldPrediction { field_nt, sigma_nt }
     }
 
-    /// Parts, if it is a single network with one hidden layer.
+    /// Parts of a single network with one hidden layer.
     ///
     /// # Errors
-    /// Fails for any other network.
+    /// Fails for any other number of layers, the mean of several networks, a linear part, and principal components.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer, and with `whiten` and `members` unset";

@@ -1,4 +1,4 @@
-//! The layout of nonlinear models: numbers by name.
+//! Layout of the table of a nonlinear model: each number has a name, its term.
 //!
 //! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1. A space and a word may follow, such as the name of an input
 //! or an activation. Each key occurs once, so a table may be sorted in any way.

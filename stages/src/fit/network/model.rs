@@ -22,8 +22,8 @@ pub struct NetworkModel<'a> {
     pub physics: f64,
     /// Vector form of the linear model. `None` unless the model is of type `m3...` (`m3tl` to `m3tf`).
     pub vector: Option<&'a VectorModelKeys>,
-    /// Limit for the samples of the first phases of a curriculum, in standard deviations of the ridge fit's error.
-    /// `None` for training without a curriculum.
+    /// The first phases of a curriculum use the samples at which the ridge fit's error deviates from the mean error by
+    /// at most this number of standard deviations. `None` for training without a curriculum.
     pub curriculum: Option<f64>,
     /// Layers over a window of samples before the network. `None` for a network of single samples.
     pub window: Option<WindowLayers>,

@@ -102,7 +102,8 @@ impl LinearPart {
     }
 }
 
-/// Term of the vector form that a name of `a_matrix` (`xx`) or of `features` (`TL_A_flux_a_xx`) refers to.
+/// Term of the vector form to which a name refers. Names are from `a_matrix` (`xx`) or from `features`
+/// (`TL_A_flux_a_xx`).
 fn vector_term(name: &str) -> Option<&'static str> {
     let of_features = |term: &str| {
         name.strip_prefix("TL_A_").and_then(|rest| rest.strip_suffix(term)).is_some_and(|rest| rest.ends_with('_'))
@@ -153,7 +154,7 @@ mod tests {
 
     #[test]
     fn unit_a_scale_of_other_terms_is_rejected() {
-        // The field 50,000 nT along x, in terms with the scale 50,000 nT.
+        // Terms of a field of 50,000 nT along x, with a scale of 50,000 nT.
         let terms = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let keys = |coupling, bt_scale_nt| VectorModelKeys { coupling, bt_scale_nt };
         assert!(keys(FieldCoupling::Magnitude, 50_000.0).check(&terms, 9).is_ok());

@@ -27,7 +27,7 @@ pub struct WindowLayers {
 }
 
 impl WindowKeys {
-    /// Window with its type of layers.
+    /// Layers of the type `memory` over the window.
     pub fn with(&self, memory: MemoryLayers) -> WindowLayers {
         WindowLayers { memory, window: self.window, units: self.units, heads: 1 }
     }
