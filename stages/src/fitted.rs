@@ -211,7 +211,7 @@ struct CompleteRows {
     columns: Vec<Vec<f64>>,
     /// Indices of the complete rows.
     numbers: Vec<usize>,
-    /// Their values, row-major.
+    /// Values of the complete rows, row-major.
     x: Vec<f64>,
 }
 

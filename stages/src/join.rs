@@ -1,4 +1,4 @@
-//! Columns of another table of the same lines, by time.
+//! Appends columns of another table of the same lines, matched by time.
 
 use arrow_array::{ArrayRef, RecordBatch, UInt64Array};
 use arrow_select::take::take;
@@ -65,7 +65,7 @@ choice! {
 /// the rounding error of the seconds of a day.
 const SAME_S: f64 = 1e-6;
 
-/// The inputs, in their order.
+/// Indices of the inputs.
 const INPUT: usize = 0;
 const WITH: usize = 1;
 

@@ -42,7 +42,7 @@ corner_hz = 1.0
 }
 
 impl Lowpass {
-    /// Corner frequency, in Hz. `None` if it is set twice or not at all.
+    /// Corner frequency, in Hz. `None` if the corner is set twice or not at all.
     fn corner(&self) -> Option<f64> {
         match (self.corner_hz, self.for_rate_hz) {
             (Some(corner_hz), None) => Some(corner_hz),

@@ -120,7 +120,7 @@ impl MapErrors {
         self.cell_m
     }
 
-    /// Root mean square of the nodes' error over the map, in nT; 0 if it is not used.
+    /// Root mean square of the nodes' error over the map, in nT; 0 if this error is not used.
     pub fn rms_at_nodes_nt(&self) -> f64 {
         self.own.as_ref().map_or(0.0, |own| own.rms_nt)
     }

@@ -165,7 +165,7 @@ mod tests {
         80.0 + 500.0 * (lat - 45.0) - 300.0 * (lon + 75.0)
     }
 
-    /// Map, 11 by 9 nodes about 45 degrees north, 75 degrees west.
+    /// Map of 11 by 9 nodes around 45 degrees north, 75 degrees west.
     fn map() -> RecordBatch {
         let nodes = || (0..11).flat_map(|row| (0..9).map(move |column| (f64::from(row), f64::from(column))));
         let lat = |row: f64| 44.995 + 0.001 * row;
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn unit_the_ins_position_is_the_default() {
-        // The INS is 0.001 degrees north of the truth: half a nanotesla.
+        // The INS is 0.001 degrees north of the truth, where the field is half a nanotesla larger.
         let (lat, lon) = (vec![45.0, 45.001], vec![-75.0, -75.001]);
         let moved = lat.iter().map(|lat| lat + 0.001).collect();
         let alt = vec![300.0; 2];

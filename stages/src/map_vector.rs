@@ -279,7 +279,7 @@ mod tests {
         AnomalyGrid::new(axis(CORNER_M[0]), axis(CORNER_M[1]), crs, values, GridHeight::Level(0.0)).unwrap()
     }
 
-    /// Root mean square of the error and of the exact component, in nT, without a margin of 15 nodes along the edges.
+    /// Root mean square of the error and of the exact component, in nT, excluding a margin of 15 nodes along the edges.
     fn error_nt(found: &AnomalyGrid, exact: impl Fn(usize) -> f64) -> [f64; 2] {
         let is_inside = |node: &usize| [node % SIDE, node / SIDE].iter().all(|at| (15..SIDE - 15).contains(at));
         let inside: Vec<usize> = (0..SIDE * SIDE).filter(is_inside).collect();

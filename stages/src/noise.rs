@@ -297,7 +297,7 @@ mod tests {
         let keep = Some((0..ROWS).map(|k| k < ROWS / 2).collect());
         let of = |line: LineInput| found(&stage(Some("mag_1_c")), &[line]);
         assert_eq!(of(LineInput { keep, ..spiked }).unwrap(), of(half).unwrap());
-        // 15 s.
+        // 150 samples last 15 s.
         let fault = of(line(vec![("mag_c", white(1, 150)), ("mag_1_c", vec![0.0; 150])])).unwrap_err();
         assert!(fault.what.contains("at least 16 s"), "{fault}");
         assert!(fault.help.unwrap().contains("longer lines"));

@@ -130,8 +130,8 @@ mod tests {
 
     #[test]
     fn law_an_alias_of_the_sensor_is_aliased_again() {
-        // Sampled at 40 Hz, 52 Hz has the alias 12 Hz, also after resampling to 30 Hz. Sampled at 30 Hz directly, it
-        // has the alias 8 Hz.
+        // A sinusoid of 52 Hz that is sampled at 40 Hz has the alias 12 Hz, also after resampling to 30 Hz. Sampled
+        // directly at 30 Hz, it has the alias 8 Hz.
         let stage = Notch { harmonics: 1, sampled_hz: Some(40.0), ..notch(52.0) };
         assert_eq!(stage.aliases(30.0).unwrap(), [12.0]);
         assert_eq!(Notch { sampled_hz: None, ..stage }.aliases(30.0).unwrap(), [8.0]);

@@ -339,7 +339,7 @@ impl Resample {
         }
     }
 
-    /// A list column, entry by entry. Differences per sample are converted to the new rate.
+    /// Resamples a list column, entry by entry. Differences per sample are converted to the new rate.
     fn entries(&self, batch: &RecordBatch, plan: &ResamplePlan, name: &str) -> Result<ArrayRef, Fault> {
         let (values, terms) = matrix(batch, name)?;
         let (own, width) = (sampling(batch, name)?, terms.len());

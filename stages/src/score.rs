@@ -49,7 +49,7 @@ pub const SPREAD: &str = "spread";
 /// Column in a published table of scores, which states whether the line is in sample.
 pub const IN_SAMPLE: &str = "in_sample";
 
-/// Meaning of that column in a table of pooled scores.
+/// Meaning of the column `in_sample` in a table of pooled scores.
 pub const POOLED_IN_SAMPLE: &str =
     "true if a line behind the value is in sample: used for a model, noise estimate or map, or to choose a parameter";
 

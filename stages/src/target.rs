@@ -69,7 +69,7 @@ truth = "mag_1_c"
 }
 
 impl Target {
-    /// Corrections of the first column: each with its key, and the column to subtract.
+    /// Corrections of the minuend of the target: each correction with its key and the column to subtract.
     fn corrections(&self) -> [(MagneticCorrection, Option<bool>, CorrectionKey, &'static str); 2] {
         [
             (MagneticCorrection::Core, self.remove_core, REMOVE_CORE, "igrf"),
@@ -77,7 +77,7 @@ impl Target {
         ]
     }
 
-    /// Returns whether core field and diurnal variation are subtracted from the first column.
+    /// Returns whether core field and diurnal variation are subtracted from the minuend.
     fn is_reduced(&self) -> bool {
         matches!(self.kind, TargetType::A | TargetType::C | TargetType::E)
     }
@@ -95,7 +95,7 @@ impl Target {
         }
     }
 
-    /// First column, and the columns to subtract from it.
+    /// Minuend of the target, and the columns to subtract from it.
     fn parts(&self, shape: &TableShape) -> Result<(String, Vec<String>), Fault> {
         let mag = || {
             let missing = || Fault::new(format!("type `{}` requires `mag`", self.kind.word())).of_param("kind");

@@ -67,7 +67,7 @@ pub struct FieldPrediction {
 pub enum NetworkLayers<'a> {
     /// Layers of a network of single samples.
     Dense(&'a NetworkShape),
-    /// Layers of a network over a window of samples, and their rate, in Hz.
+    /// Layers of a network over a window of samples, and the sample rate, in Hz.
     Windowed(&'a WindowedNetworkShape, f64),
 }
 

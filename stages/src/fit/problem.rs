@@ -26,7 +26,7 @@ const WEAK: f64 = 1e-4;
 /// Range of the total field on earth, in nT.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
-/// All lines of one matrix and target.
+/// Contributions of all lines to the fits of one target to one matrix.
 #[derive(Clone)]
 pub struct FitProblem<'a> {
     shares: Vec<&'a LineContribution>,

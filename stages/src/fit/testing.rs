@@ -53,7 +53,7 @@ pub fn words(key: &str, values: &[&str]) -> (String, Literal) {
     (key.to_owned(), Literal::List(values.iter().map(|value| Literal::Text((*value).to_owned())).collect()))
 }
 
-/// Two lines whose target is exactly the sum of features and `constant_nt`.
+/// Two lines whose target is exactly the sum of the features times [`COEFFICIENTS`], plus `constant_nt`.
 pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
     lines(&|_, exact| exact + constant_nt)
 }
@@ -68,7 +68,8 @@ pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
-/// The first line with a nonlinear target, on another aircraft with larger fields and another constant.
+/// The first of the [`plain`] lines with a nonlinear target, on another aircraft with larger fields and another
+/// constant.
 pub fn another() -> Vec<RecordBatch> {
     lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
 }

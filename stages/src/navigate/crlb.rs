@@ -56,7 +56,7 @@ impl NavigationFilter for Crlb {
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let bound = Column::float(DRMS_BOUND, "m", "Cramér-Rao bound of the horizontal error (drms)");
-        // There is no state.
+        // The bound has a covariance but no state.
         let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
         [bound].into_iter().chain(state).collect()
     }

@@ -307,7 +307,7 @@ impl AuxiliaryMeasurements {
         Err(vec![Fault::new(what).of_param("flat_over_m").help(help)])
     }
 
-    /// Values computed from the columns.
+    /// Difference of the two magnetometers in `gradient`, with the slope of the map and the error of this slope.
     pub(super) fn measured(&self, flown: &FilterInput) -> Result<GradientSeries, Fault> {
         let Some(names) = &self.gradient else { return Ok(GradientSeries::default()) };
         let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
@@ -451,7 +451,7 @@ impl FilterInput<'_> {
     }
 }
 
-/// Values computed from the columns before a line is filtered.
+/// Difference of two magnetometers along a line, with the slope of the map. Computed before the line is filtered.
 #[derive(Default)]
 pub(super) struct GradientSeries {
     difference_nt: Vec<f64>,

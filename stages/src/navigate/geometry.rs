@@ -1,4 +1,4 @@
-//! Direction of the field in a scalar sensor, which determines its noise and heading error.
+//! Direction of the field in a scalar sensor. It determines the noise and the heading error of the sensor.
 
 use arrow_array::RecordBatch;
 use schemas::{Fault, Rule, TableShape, choice, params};

@@ -164,7 +164,7 @@ impl NavigateOutput {
     }
 }
 
-/// The stage with a filter, its keys written as in a spec.
+/// Entries of a spec for the stage with a filter. `keys` are written as in a spec.
 fn args(filter: &str, keys: &str) -> SpecEntries {
     // Keys that match the flight: an INS with large errors, and a measured field without the core field.
     let usual = format!(
@@ -204,15 +204,15 @@ pub(super) fn numbers_of(flight: &RecordBatch, name: &str) -> Vec<f64> {
     flight.column_by_name(name).unwrap().as_primitive::<Float64Type>().values().to_vec()
 }
 
-/// A filter on a flight.
+/// Runs a filter on a flight.
 pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
     flown_with(&args(filter, keys), flight)
 }
 
-/// A filter on a flight, with these keys alone.
+/// Runs a filter on a flight with only these keys.
 pub(super) fn flown_on(filter: &str, keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
     let own = keys.lines().filter(|line| !line.trim().is_empty());
-    // A later line replaces an earlier one of the same key.
+    // A later line replaces an earlier line with the same key.
     let mut table = toml::Table::new();
     own.for_each(|line| table.extend(line.parse::<toml::Table>().unwrap()));
     table.insert("filter".into(), filter.into());
@@ -237,7 +237,7 @@ fn flown_with(args: &SpecEntries, flight: &RecordBatch) -> Result<NavigateOutput
     Ok(NavigateOutput(names.into_iter().zip(arrays).collect()))
 }
 
-/// A filter on the flight, which must succeed.
+/// Runs a filter on the test flight. The run must succeed.
 pub(super) fn run(filter: &str, keys: &str) -> NavigateOutput {
     flown(filter, keys, &flight()).unwrap()
 }

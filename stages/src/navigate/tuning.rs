@@ -177,9 +177,9 @@ impl Navigate {
         self.field.tuning == Tuning::Auto
     }
 
-    /// Whether noise and outliers of each line are estimated. Otherwise the noise is the noise in the spec or
-    /// MagNav.jl's default. Nothing is estimated without a map, for `ekf_online_nn` with an uncompensated magnetometer,
-    /// or for the aircraft field of several magnetometers.
+    /// Whether noise and outliers of each line are estimated. Otherwise the noise from the spec or MagNav.jl's default
+    /// noise applies. Nothing is estimated without a map, for `ekf_online_nn` with an uncompensated magnetometer, or
+    /// for the aircraft field of several magnetometers.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
@@ -262,7 +262,7 @@ impl Navigate {
         columns
     }
 
-    /// Arrays of these columns.
+    /// Arrays of the columns of the estimated noise.
     pub(super) fn noise_arrays(&self, flown: &FilterInput) -> Vec<ArrayRef> {
         if !self.finds_noise(flown.map.is_some()) {
             return vec![];

@@ -23,14 +23,14 @@ pub struct Scorer {
     pub uses: &'static [ScoreSource],
     /// Computation of the value.
     pub score: &'static ScoreFn,
-    /// Sorted samples of which the metric is a quantile. The samples are used to pool lines.
+    /// Sorted samples, if the metric is a quantile of samples. Lines are pooled with these samples.
     pub spread: Option<QuantileSamplesFn>,
 }
 
 /// Computation of a metric on a line.
 pub type ScoreFn = dyn Fn(&ScoreLine) -> Result<SampleStatistic, Fault> + Send + Sync;
 
-/// Sorted samples of a line of which a metric is a quantile.
+/// Sorted samples of a line. The metric is a quantile of these samples.
 pub type QuantileSamplesFn = for<'l> fn(&'l ScoreLine) -> Result<&'l [f64], Fault>;
 
 impl ChoiceKind for Scorer {

@@ -38,7 +38,7 @@ pub fn only(name: &str) -> ChoiceSubset<Scorer> {
     ChoiceSubset::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
 }
 
-/// A function of the time at `n` samples, one per second.
+/// Values of a function of time at `n` samples, one per second.
 pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }

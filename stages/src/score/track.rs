@@ -242,7 +242,7 @@ fn position_nees(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
     Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
 }
 
-/// Samples of which a radius is a quantile.
+/// Sorted samples. A radius is a quantile of these samples.
 fn radii<'l>(line: &'l ScoreLine) -> Result<&'l [f64], Fault> {
     line.radii()
 }

@@ -51,7 +51,7 @@ impl BoostedTrees {
         FieldPrediction { field_nt: self.forest.predict(x, self.inputs.len()), sigma_nt: None }
     }
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     pub fn terms(&self) -> Vec<TermValue> {
         let mut out: Vec<TermValue> = named_list("input", &self.inputs, &vec![1.0; self.inputs.len()]).collect();
         out.push(term("base", self.forest.base));

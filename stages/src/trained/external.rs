@@ -26,7 +26,7 @@ pub trait ExternalModel: fmt::Debug + Send + Sync {
     /// Fails if the code of the model fails, or does not return one value per row.
     fn predict(&self, x: &[f64]) -> Result<FieldPrediction, Fault>;
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     fn terms(&self) -> Vec<TermValue>;
 }
 

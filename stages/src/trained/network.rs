@@ -44,7 +44,7 @@ const VECTOR_STEP: f64 = 1e-5;
 pub struct OneLayerNetwork<'a> {
     /// The names of the inputs.
     pub names: &'a [String],
-    /// Their means and scales.
+    /// Means and scales of the inputs.
     pub mean: &'a [f64],
     pub scale: &'a [f64],
     pub activation: ActivationFunction,
@@ -126,8 +126,9 @@ impl NetworkEnsemble {
         }
     }
 
-    /// The network as the bytes of an ONNX file. The input `x` has rows of [`NetworkEnsemble::inputs`]; `a`, if there
-    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, in nT.
+    /// The network as the bytes of an ONNX file. The input `x` has rows of [`NetworkEnsemble::inputs`]. If there are
+    /// linear terms, the input `a` has rows of [`NetworkEnsemble::linear`]. Both inputs are unscaled. The output `y` is
+    /// the field, in nT.
     ///
     /// # Errors
     /// Fails if the model is the mean of several networks.
@@ -243,7 +244,7 @@ impl NetworkEnsemble {
         out
     }
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     pub fn terms(&self) -> Vec<TermValue> {
         let NetworkShape { hidden, activation, form, .. } = &self.shape;
         let hidden: Vec<f64> = hidden.iter().map(|units| *units as f64).collect();

@@ -61,7 +61,7 @@ impl RandomFourierModel {
         by_z
     }
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     pub fn terms(&self) -> Vec<TermValue> {
         let model = &self.model;
         let matrix = |key: &'static str, values: &[f64], width: usize| -> Vec<TermValue> {

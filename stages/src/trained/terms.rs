@@ -61,7 +61,7 @@ impl<'a> TermLookup<'a> {
     /// The value of a key.
     ///
     /// # Errors
-    /// Fails if it is missing or not finite.
+    /// Fails if the key is missing, or its value is not finite.
     pub fn value(&self, key: &str) -> Result<f64, Fault> {
         let (_, value) = self.found.get(key).ok_or_else(|| missing(key))?;
         if value.is_finite() { Ok(*value) } else { Err(broken(format!("the term `{key}` is {value}"))) }
@@ -78,17 +78,17 @@ impl<'a> TermLookup<'a> {
     /// The choice that the word of a key selects.
     ///
     /// # Errors
-    /// Fails if it is missing, or not among the choices.
+    /// Fails if the key is missing, or its word is not among the choices.
     pub fn choice<T: ParamValue>(&self, key: &str) -> Result<T, Fault> {
         let word = self.word(key)?;
         let read = T::read(&Literal::Text(word.to_owned()));
         read.ok_or_else(|| broken(format!("`{key}` is `{word}`, but must be one of `{}`", T::WORDS.join("`, `"))))
     }
 
-    /// A whole number.
+    /// The value of a key that holds a whole number.
     ///
     /// # Errors
-    /// Fails if it is missing, or not a whole number.
+    /// Fails if the key is missing, or its value is not a whole number.
     pub fn count(&self, key: &str) -> Result<usize, Fault> {
         let value = self.value(key)?;
         let whole = value.fract() == 0.0 && (0.0..=1e7).contains(&value);

@@ -2,8 +2,8 @@
 //!
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
 //! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
-//! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
-//! window, its first sample replaces the missing earlier samples. With the linear terms of a vector form, the
+//! layers computes the field from these features: `target_mean` + `target_scale` N. If a run of samples is shorter than
+//! the window, its first sample replaces the missing earlier samples. With the linear terms of a vector form, the
 //! prediction has the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch layout:
 //! [`learning::network::WindowedNetworkShape`].
 
@@ -112,7 +112,7 @@ impl WindowedNetwork {
         FieldPrediction { field_nt: values.iter().map(|v| statistics::mean(v).value).collect(), sigma_nt }
     }
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     pub fn terms(&self) -> Vec<TermValue> {
         let WindowedNetworkShape { memory, window, units, heads, head, .. } = &self.core;
         let hidden: Vec<f64> = head.hidden.iter().map(|units| *units as f64).collect();

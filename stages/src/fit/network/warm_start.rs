@@ -133,10 +133,10 @@ impl<'a> WarmStart<'a> {
         Err(self.fault(&what).help(format!("use the same `{key}` in both fits, or rename columns with `rename`")))
     }
 
-    /// Checks that the initial network is of the same kind as `core`, for this fit.
+    /// Checks that the initial network suits this fit and is of the same kind as `core`.
     ///
     /// # Errors
-    /// Returns the first difference.
+    /// Fails with the first difference.
     pub fn check(&self, keys: &NetworkKeys, core: &NetworkCore, samples: &FitSamples) -> Result<(), Fault> {
         let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
             Err(self.fault(&format!("has `{key}` {own}, but this fit has {here}")))
