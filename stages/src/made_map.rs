@@ -1,4 +1,4 @@
-//! Conversion of maps between tables and grids, for stages of maps.
+//! Conversion of maps between tables and grids, for the stages that process maps.
 
 use arrow_array::RecordBatch;
 use grids::AnomalyGrid;
@@ -40,7 +40,7 @@ pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 pub mod testing {
-    //! A small map for the tests of the stages of maps.
+    //! A small map for the tests of the stages that process maps.
 
     use std::path::Path;
 

@@ -102,7 +102,8 @@ impl MapErrors {
     }
 
     /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in metres above
-    /// the ellipsoid. For a continued map, this is the error of the continuation. NaN where either height is unknown.
+    /// the ellipsoid. For a continued map, this is the error of the continuation. NaN if the height of the line is
+    /// unknown or, for a map that is not continued, the height of the map is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
         let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
         match &self.height {

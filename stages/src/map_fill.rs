@@ -30,7 +30,7 @@ choice! {
 }
 
 choice! {
-    /// Difference from the map, estimated in the overlap, that is removed from other maps.
+    /// Form of the difference between maps that is estimated in their overlap and removed.
     pub enum MapOverlapBias {
         /// No difference.
         Nothing = "nothing",

@@ -82,7 +82,7 @@ epochs          = 2
 /// Columns of the true position.
 const TRUTH: [&str; 2] = ["lat", "lon"];
 
-/// Stand-in for `nekf` that prepares lines.
+/// Filter that takes the place of `nekf` while lines are prepared.
 struct PreparingFilter;
 
 impl FilterGroups for PreparingFilter {

@@ -14,7 +14,8 @@ use super::{
     solve::{FitSolution, solved},
 };
 
-/// Maximum number of networks that are trained together. Each network has its own rows of linear terms and target.
+/// Maximum number of networks that are trained together. Each of them requires memory for its rows of linear terms and
+/// target.
 const TEAM: usize = 4;
 
 impl FitAggregator {

@@ -24,7 +24,7 @@ pub type ReadModelFn = dyn Fn(&mut ParamReader) -> Option<ChoiceKeys<dyn FitMode
 
 /// Declaration of a model.
 pub struct FitModelDecl {
-    /// Word after `model =`.
+    /// Value of `model`.
     pub name: &'static str,
     /// Version, raised whenever the results of the model change.
     pub version: u32,

@@ -14,8 +14,7 @@ use super::{
 };
 use crate::model_columns::RESIDUAL;
 
-/// Noise of a model on the lines that it was fitted to, in the order of the columns of the model table. NaN if the
-/// lines are too short.
+/// Residual noise of a model on its calibration lines, in the order of [`RESIDUAL`]. NaN if the lines are too short.
 pub fn residual_noise(parts: &[&FitLineSummary], point: &FitPoint, solved: &FitSolution) -> [f64; RESIDUAL.len()] {
     let (fit, names) = match &solved.left {
         ResidualSource::By(fit, names) => (fit, names),

@@ -123,7 +123,7 @@ impl FitSamples<'_> {
 
 /// Saved state, storage and progress of one point of a sweep during training.
 pub struct PointMonitor<'a> {
-    /// Work of all points.
+    /// Storage and progress of all points.
     pub work: &'a dyn CheckpointMonitor,
     /// Index of the point among all points.
     pub point: usize,

@@ -55,7 +55,7 @@ pub(super) struct AircraftTerms<'a> {
     pub(super) sampling: RateDependence,
 }
 
-/// Usual random walk of a calibrated coefficient in one hour, as a fraction of its prior standard deviation.
+/// Default random walk of a calibrated coefficient in one hour, as a fraction of its prior standard deviation.
 const WALK_PER_HOUR: f64 = 0.1;
 
 /// Coefficients of the aircraft field along a line, as states of a filter.

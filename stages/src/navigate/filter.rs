@@ -139,7 +139,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     }
 }
 
-/// A type-erased filter with a line.
+/// A type-erased filter with the line that it filters.
 pub type FilterPoint<'a> = (&'a dyn NavigationFilter, &'a FilterInput<'a>);
 
 /// Reader of the keys of a filter.

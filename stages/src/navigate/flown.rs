@@ -332,7 +332,8 @@ impl<'a> FilterInput<'a> {
         self.magnetometers = magnetometers;
     }
 
-    /// Sets the standard deviation of each measurement, from the sensors, their number, and the map.
+    /// Sets the standard deviation of each measurement. It follows from the noise and number of the sensors and from
+    /// the map error.
     pub(super) fn set_sigma(&mut self) {
         let of = |row: usize| {
             let own_nt = self.own_sigma_nt(row) / f64::sqrt(self.counts[row]);

@@ -138,7 +138,7 @@ impl Navigate {
         Ok(AssumedNoise { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
-    /// Column with the noise, for a filter that uses the column.
+    /// Column with the noise of each sample, if the filter uses the measured field.
     pub(super) fn noise_column(&self) -> Option<&str> {
         self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
     }
@@ -352,7 +352,8 @@ impl FilterInput<'_> {
         (0..self.ins.len()).map(|row| factor(row) / self.counts[row].sqrt()).collect()
     }
 
-    /// Known standard deviation of each measurement, in nT.
+    /// Standard deviation of the known error of each measurement, in nT: the additional error of each sample, averaged
+    /// over the magnetometers.
     pub(super) fn known_nt(&self) -> Option<Vec<f64>> {
         let own = self.sample_sigma_nt.as_ref()?;
         Some(own.iter().zip(&self.counts).map(|(sigma, count)| sigma / count.sqrt()).collect())
