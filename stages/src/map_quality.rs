@@ -190,7 +190,7 @@ mod tests {
         let plane = map(|north, east| 0.03 * north - 0.04 * east);
         let east: Vec<[f64; 2]> = (-30..=30).map(|k| [0.0, 60.0 * f64::from(k)]).collect();
         let made = run(&map_quality(), &plane, &east).unwrap();
-        // The relative change in the length of a degree of longitude from 45 degrees to the parallel of the line is
+        // From 45 degrees to the parallel of the line, the length of a degree of longitude changes by a fraction of
         // 7e-5.
         for (column, expected) in [(0, 0.03), (1, -0.04), (2, 0.05), (3, 100.0)] {
             assert!(made[column].iter().all(|x| (x / expected - 1.0).abs() < 1e-4), "{column}: {:?}", made[column][30]);

@@ -135,7 +135,7 @@ impl Score {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
-    /// Notes on the metrics that cannot be computed only because the truth is missing.
+    /// Notes on the metrics for which nothing but the truth is missing.
     fn not_scored(&self, places: &ScoreSourceIndex) -> Vec<String> {
         let is_missing = |source: &&ScoreSource| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());

@@ -225,7 +225,8 @@ fn flown<'a>(
         tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
-    // A filter that processes magnetometers separately needs their offsets subtracted as well.
+    // Copied before `combine` subtracts the offsets, because a filter that processes magnetometers separately subtracts
+    // the offset of each itself.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     flown.start_range = stage.start_range(&flown)?;
@@ -322,8 +323,8 @@ impl<'a> FilterInput<'a> {
         Ok(())
     }
 
-    /// Restores the separate magnetometers for a filter that processes each separately, without the removed
-    /// measurements.
+    /// Restores the individual magnetometers for a filter that processes them separately. Removed measurements stay
+    /// removed.
     pub(super) fn restore(&mut self, mut magnetometers: Vec<FilterMagnetometer<'a>>) {
         for FilterMagnetometer { measured_nt, .. } in &mut magnetometers {
             let removed = measured_nt.iter_mut().zip(&self.measured_nt).filter(|(_, mean)| !mean.is_finite());

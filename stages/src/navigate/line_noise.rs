@@ -1,4 +1,4 @@
-//! Estimates the noise of one line and, if it is unknown, the time of the INS alignment.
+//! Estimates the noise of one line, and also the time of the INS alignment if this time is unknown.
 
 use numerics::navigation::{
     ins_error::InsErrorModel,

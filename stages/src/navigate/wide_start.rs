@@ -66,8 +66,8 @@ impl Navigate {
 
 impl NoiseSources<'_> {
     /// Same as [`NoiseSources::find`], for a start over which the map is not linear. Particles locate the aircraft. The
-    /// position and velocity that they find correct the INS, and noise and outliers are estimated along the corrected
-    /// INS. The assumed noise is kept if the particles do not find a single position.
+    /// INS is corrected with the position and velocity from the particles, and noise and outliers are estimated along
+    /// the corrected INS. The assumed noise is kept if the particles do not find a single position.
     pub(super) fn find_from_wide_start(
         &self,
         flown: &mut FilterInput,
