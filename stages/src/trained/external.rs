@@ -1,4 +1,4 @@
-//! A model table of a model whose code is outside this program, such as a Python function.
+//! Table of a model whose code is outside this program, such as a Python function.
 //!
 //! The program that has the code sets one reader ([`set_external_reader`]). A program without a reader rejects the
 //! table.
@@ -30,7 +30,7 @@ pub trait ExternalModel: fmt::Debug + Send + Sync {
     fn terms(&self) -> Vec<TermValue>;
 }
 
-/// Reader of the terms of such a model.
+/// Function that creates an external model from the terms of its table.
 pub type ExternalModelReader = fn(&TermLookup) -> Result<Arc<dyn ExternalModel>, Fault>;
 
 static READER: OnceLock<ExternalModelReader> = OnceLock::new();

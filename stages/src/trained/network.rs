@@ -171,7 +171,8 @@ impl NetworkEnsemble {
     /// Parts of a single network with one hidden layer.
     ///
     /// # Errors
-    /// Fails for any other number of layers, the mean of several networks, a linear part, and principal components.
+    /// Fails if the model has another number of hidden layers, is the mean of several networks, has a linear part, or
+    /// uses principal components.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer, and with `whiten` and `members` unset";
