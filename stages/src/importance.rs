@@ -159,9 +159,9 @@ block_s = 1.0
     samples: usize, unit "samples", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Number of background samples of each line, relative to which contributions are computed.
     background: usize, unit "samples", default 50usize, rule Rule::Between(1.0, 1e5);
-    /// For each pair of a background sample and an explained sample: number of random orders in which the groups change
-    /// from the values of the first to the values of the second. Each order is also used in reverse. With
-    /// `expected_gradients`: number of gradients per sample, divided by the number of background samples.
+    /// Number of random orders in which the groups change from the values of a background sample to the values of a
+    /// sample, for each pair of the two. Each order is also used in reverse. With `expected_gradients`: number of
+    /// gradients per sample, divided by the number of background samples.
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
     /// Number of explained samples whose values are stored, evenly spaced. 0 stores none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);

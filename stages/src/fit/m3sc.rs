@@ -21,7 +21,8 @@ model! {
     ///
     /// A sample is near the mean if the ridge fit's error at the sample differs from the mean error by at most
     /// `curriculum_sigma` standard deviations of the error. The constant is trained in every phase. Adam restarts in
-    /// each phase. `validation` selects one of the epochs after the first 30 %. `whiten` applies to the inputs only.
+    /// each phase. `validation` selects an epoch after the first 30 % of the epochs. `whiten` applies to the inputs
+    /// only.
     ///
     /// MagNav.jl selects an epoch from all phases. If it selects an epoch of the first three phases, the result
     /// contains the untrained network.

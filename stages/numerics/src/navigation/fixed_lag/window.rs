@@ -272,8 +272,7 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Half the squared distance plus the loss of all residuals in `counted`. A residual without a field in `about`
-    /// keeps its value on the present path.
+    /// Half the squared distance plus the loss of the residuals in `counted`; those without a field are of the path.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
