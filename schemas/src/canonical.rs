@@ -25,6 +25,15 @@ enum ColumnConversion {
     Keep,
 }
 
+/// The fault of a table without the key `key`.
+fn missing_key(key: &str, names: &[&str]) -> Fault {
+    let mut fault = Fault::data(format!("a flight table requires a column `{key}`")).nearest(key, names).in_column(key);
+    if let Some(help) = fault.help.as_mut().filter(|help| !help.ends_with('?')) {
+        help.push_str("; `magline init FILE` finds the columns of a file and writes a mapping and a spec");
+    }
+    fault
+}
+
 impl FlightConversion {
     /// The conversion from `source` to the flight table.
     /// `flight` and `line` are text or numbers in the file, and become text. Every column with a canonical unit becomes
@@ -36,11 +45,8 @@ impl FlightConversion {
     /// Fails with a fault for every missing key, wrong unit and wrong type. Each fault names its column.
     pub fn new(source: &Schema) -> Result<FlightConversion, Vec<Fault>> {
         let names: Vec<&str> = source.fields().iter().map(|f| f.name().as_str()).collect();
-        let mut faults: Vec<Fault> = flight::KEYS
-            .iter()
-            .filter(|k| !names.contains(k))
-            .map(|k| Fault::data(format!("a flight table requires a column `{k}`")).nearest(k, &names).in_column(k))
-            .collect();
+        let mut faults: Vec<Fault> =
+            flight::KEYS.iter().filter(|k| !names.contains(k)).map(|k| missing_key(k, &names)).collect();
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
                 faults.push(Fault::data("duplicate column").in_column(name));
@@ -333,7 +339,8 @@ mod tests {
             messages,
             [
                 "column `line`: a flight table requires a column `line` (did you mean `lines`?)",
-                "column `tt`: a flight table requires a column `tt` (known here: flight, lines, lat, mag_2_uc)",
+                "column `tt`: a flight table requires a column `tt` (known here: flight, lines, lat, mag_2_uc; \
+                 `magline init FILE` finds the columns of a file and writes a mapping and a spec)",
                 "column `lat`: must be numbers in deg, not Utf8 (convert the column, or rename it with `rename`)",
                 "column `mag_2_uc`: has the unit `V`, which does not convert to nT \
                  (set the true unit of the column in the table's `units`)",
