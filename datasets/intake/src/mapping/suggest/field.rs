@@ -54,6 +54,8 @@ const OTHER_VECTORS: [&str; 20] = [
     "angular",
     "w",
 ];
+/// Words that, with numbers, name nothing but the reading of a scalar magnetometer.
+const READING: [&str; 8] = ["mag", "magnetometer", "scalar", "tmi", "totalfield", "total", "field", "uc"];
 /// Words in the names of columns whose values are close to a total field without being the reading of a magnetometer.
 const DERIVED: [&str; 18] = [
     "x",
@@ -146,8 +148,12 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
         return None;
     }
     let median = column.median()?;
-    let fits = |unit: &String| convert(unit, "nT").is_some_and(|nt| TOTAL.contains(&(median * nt)));
-    let unit = declared.filter(fits).or_else(|| (named && TOTAL.contains(&median)).then(|| "nT".to_owned()))?;
+    let fits = |unit: &&String| convert(unit, "nT").is_some_and(|nt| TOTAL.contains(&(median * nt)));
+    let fitting = declared.as_ref().filter(fits).cloned();
+    let Some(unit) = fitting.or_else(|| (named && TOTAL.contains(&median)).then(|| "nT".to_owned())) else {
+        let is_reading = words.iter().all(|w| READING.contains(&w.as_str()) || w.bytes().all(|b| b.is_ascii_digit()));
+        return if is_reading { in_other_unit(median, declared).map(Err) } else { None };
+    };
     if !named && !is_steady(column.known().collect()) {
         return None;
     }
@@ -167,6 +173,17 @@ pub(super) fn reading(column: &ColumnSample) -> Option<Result<(String, String, S
     }
     let why = format!("a median of {median:.1} {unit} matches the earth's field");
     Some(Ok((format!("mag_{number}_uc"), unit, why)))
+}
+
+/// The reason to omit a reading that is a total field only in another unit than in `declared`, which is nT by default.
+fn in_other_unit(median: f64, declared: Option<String>) -> Option<String> {
+    let (unit, factor) = FIELD.iter().find(|(_, factor)| TOTAL.contains(&(median * factor)))?;
+    let own = declared.map_or_else(|| "nT".to_owned(), |unit| format!("{unit} (the unit in the file)"));
+    Some(format!(
+        "a median of {median:.4} {own} does not match the earth's field; in {unit}, the median would be {:.0} nT; set \
+         its `unit`",
+        median * factor
+    ))
 }
 
 /// Magnitudes of an analogue fluxgate in the earth's field, in V.
@@ -300,6 +317,9 @@ mod tests {
             names(vec![total("mag"), total("mag_comp"), total("mag2_comp")]),
             ["mag_1_uc", "mag_1_c", "mag_2_c"]
         );
+        let micro = guessed(vec![column("mag_1", |t| 47.0 + 0.03 * (0.2 * t).sin())]);
+        assert!(!micro[0].is_used() && micro[0].why.contains("in uT, the median would be 47"), "{}", micro[0].why);
+        assert!(guessed(vec![column("mag_temp", |t| 25.0 + 0.1 * t)]).is_empty());
         // A residual, a model value, a pressure in Pa, and a reading in V.
         let others = [total("mag_res_nT"), total("igrf_model_nT"), total("pressure"), total("reading_V")];
         assert!(names(others.to_vec()).is_empty());
