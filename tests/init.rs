@@ -123,6 +123,24 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
             }),
         ),
         (
+            "latin_1",
+            csv(
+                "date;time;mag;flux_x;flux_y;flux_z;lat;lon\ndd/mm/yyyy;hh:mm:ss;nT;\u{b5}T;\u{b5}T;\u{b5}T;\u{b0};\u{b0}",
+                |s| {
+                    let [x, y, z] = s.vector.map(|b| b / 1e3);
+                    let time = dated("23/06/2024", s.t).replace(' ', ";");
+                    format!("{time};{:.3};{x:.5};{y:.5};{z:.5};{:.7};{:.7}", s.scalar, s.lat, s.lon)
+                },
+            ),
+        ),
+        (
+            "blanks",
+            csv("  Time   Mag      Bx By Bz", |s| {
+                let [x, y, z] = s.vector;
+                format!("{}  {:9.3}\t{x:9.2} {y:9.2} {z:9.2} ", &dated("", s.t)[1..], s.scalar)
+            }),
+        ),
+        (
             "canonical",
             csv("tt,mag_1_uc,flux_a_x,flux_a_y,flux_a_z,lat,lon", |s| {
                 let [x, y, z] = s.vector;
@@ -133,7 +151,9 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
     for (name, text) in kinds {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
-        fs::write(folder.join(format!("{name}.csv")), text).unwrap();
+        let latin_1: Vec<u8> = text.chars().map(|c| c as u8).collect();
+        let bytes = if name == "latin_1" { latin_1 } else { text.into_bytes() };
+        fs::write(folder.join(format!("{name}.csv")), bytes).unwrap();
         let output = magline(folder, &["init", &format!("{name}.csv")]);
         let found = stdout(&output);
         assert!(output.status.success(), "{name}: {found}{}", stderr(&output));

@@ -30,13 +30,15 @@ use crate::{
 
 mod blocks;
 mod cells;
+mod latin_1;
 mod rows;
 mod scan;
 mod separated;
+mod unit_row;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "csv",
-    about: "values separated by commas, semicolons or tabs, with a header row",
+    about: "values separated by commas, semicolons, tabs or blanks, with a header row",
     extensions: &["csv", "tsv", "txt"],
     recognise: |head: &FileHead| {
         // Comments may stand above the header.
@@ -89,7 +91,8 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usi
         None => CsvScan::read(path, &names, options, (block, reading.threads))?,
     };
     let mut notes = scan.notes(path, &names);
-    notes.extend(CsvStyle::of(&FileHead::read(path)?).note().map(|note| format!("{}: {note}", path.display())));
+    let style = CsvStyle::of(&FileHead::read(path)?);
+    notes.extend(style.notes().iter().map(|note| format!("{}: {note}", path.display())));
     let missing = MissingMarkers::from_options(options);
     let (fillers_to, drops_last) = (missing.highest(), scan.drops_last());
     let layout = CsvLayout { names, kinds: scan.kinds.clone(), missing, fillers_to, drops_last };
@@ -265,7 +268,7 @@ pub(super) fn broken(path: &Path, error: &csv::Error) -> ReadError {
     match error.kind() {
         csv::ErrorKind::Io(e) => ReadError::io(path, e),
         csv::ErrorKind::Utf8 { pos, err } => {
-            let fault = ReadError::data(path, format!("is not UTF-8 text: {err}"));
+            let fault = ReadError::data(path, format!("is not UTF-8 text: {err}")).help("save the file as UTF-8");
             pos.as_ref().map_or(fault.clone(), |p| fault.in_row(p.record().saturating_sub(1)))
         }
         _ => ReadError::data(path, error.to_string()),

@@ -1,6 +1,6 @@
-//! Text with comments above its header, or with columns separated by semicolons or tabs and numbers with decimal points
-//! or commas. The text is converted to comma-separated text with decimal points while it is read; each record keeps its
-//! line number.
+//! Text with comments above its header, with a row of units below it, in Latin-1, or with columns separated by
+//! semicolons, tabs or blanks and numbers with decimal points or commas. It is converted to comma-separated text in
+//! UTF-8 with decimal points while it is read; each record keeps its line number.
 
 use std::{
     io::{self, BufRead, BufReader, Read},
@@ -10,6 +10,8 @@ use std::{
 use super::{
     super::{FileHead, text_end::TextFile},
     cells::ends_record,
+    latin_1,
+    unit_row::heads_with_units,
 };
 use crate::ReadError;
 
@@ -21,33 +23,59 @@ const MARK: &[u8] = "\u{feff}".as_bytes();
 /// Form of the text of a file, determined from the first lines.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CsvStyle {
-    /// Separator of the columns.
+    /// Separator of the columns. A blank represents any number of blanks and tabs.
     separator: u8,
-    /// Number of lines above the header or, if the header is a comment, above the first row.
+    /// Number of lines above the header or, if `header` replaces it, above the first row.
     above: usize,
-    /// The header, if it is a comment: `# tt,mag_1_uc`.
+    /// The header, if it is a comment (`# tt,mag_1_uc`) or has its units in the next row.
     header: Option<String>,
+    /// Whether the units are in the row below the header.
+    has_units: bool,
+    /// Whether the text is in Latin-1.
+    is_latin_1: bool,
 }
 
 impl CsvStyle {
     /// Form of the text of a file.
     pub(super) fn of(head: &FileHead) -> CsvStyle {
-        let text = String::from_utf8_lossy(head.text()).replace("\r\n", "\n").replace('\r', "\n");
+        let is_latin_1 = latin_1::is_latin_1(head.text());
+        let text =
+            if is_latin_1 { latin_1::decoded(head.text()) } else { String::from_utf8_lossy(head.text()).into_owned() };
+        let text = text.replace("\r\n", "\n").replace('\r', "\n");
         let text = text.trim_start_matches('\u{feff}');
         let is_above = |line: &&str| line.trim().is_empty() || line.starts_with(COMMENT);
         let above: Vec<&str> = text.lines().take_while(is_above).collect();
+        let mut rows = text.lines().skip(above.len());
+        let (first, second) = (rows.next().unwrap_or_default(), rows.next().unwrap_or_default());
+        let mut style = CsvStyle { above: above.len(), is_latin_1, ..CsvStyle::new(first) };
+        if has_blanks(first, [second, rows.next().unwrap_or_default()]) {
+            style.separator = b' ';
+        }
         let comment = above.iter().rev().find(|line| !line.trim().is_empty());
-        let Some(comment) = comment else { return CsvStyle::new(text.lines().nth(above.len()).unwrap_or_default()) };
-        let first = text.lines().nth(above.len()).unwrap_or_default();
-        let style = CsvStyle { above: above.len(), ..CsvStyle::new(first) };
+        let names = comment.map_or("", |comment| comment.trim_start_matches(COMMENT).trim());
         // The last comment is the header if it has a name for each value of a row of numbers.
-        let names = comment.trim_start_matches(COMMENT).trim();
-        let cells =
-            |line: &str| line.split(char::from(style.separator)).map(|c| c.trim().to_owned()).collect::<Vec<_>>();
-        let is_number = |cell: &String| cell.is_empty() || super::number(&cell.replace(',', ".")).is_some();
-        let row = cells(first);
-        let heads = row.len() > 1 && row.iter().all(is_number) && cells(names).len() == row.len();
-        CsvStyle { header: heads.then(|| names.to_owned()), ..style }
+        let row = style.cells(first);
+        if row.len() > 1 && row.iter().all(|c| is_number(c)) && style.cells(names).len() == row.len() {
+            return CsvStyle { header: Some(names.to_owned()), ..style };
+        }
+        // A row of units that exceeds the examined start of the file is not whole.
+        let is_whole = text.matches('\n').count() >= above.len() + 2;
+        let heads = if is_whole { heads_with_units(&row, &style.cells(second)) } else { None };
+        let Some(heads) = heads else { return style };
+        let header = heads.iter().map(|head| format!("\"{}\"", head.replace('"', "\"\""))).collect::<Vec<_>>();
+        let header = header.join(&char::from(style.separator).to_string());
+        CsvStyle { above: above.len() + 2, header: Some(header), has_units: true, ..style }
+    }
+
+    /// The cells of one line, without quotes.
+    fn cells(&self, line: &str) -> Vec<String> {
+        if self.separator == b' ' {
+            return line.split_whitespace().map(|cell| cell.trim_matches('"').to_owned()).collect();
+        }
+        let mut reader =
+            csv::ReaderBuilder::new().has_headers(false).delimiter(self.separator).from_reader(line.as_bytes());
+        let record = reader.records().next().and_then(Result::ok).unwrap_or_default();
+        record.iter().map(|cell| cell.trim().to_owned()).collect()
     }
 
     /// Form of text with the header `line`.
@@ -69,22 +97,46 @@ impl CsvStyle {
         } else {
             b','
         };
-        CsvStyle { separator, above: 0, header: None }
+        CsvStyle { separator, above: 0, header: None, has_units: false, is_latin_1: false }
     }
 
     /// Whether the text is read without conversion.
     fn is_plain(&self) -> bool {
-        *self == CsvStyle { separator: b',', above: 0, header: None }
+        *self == CsvStyle::new("")
     }
 
-    /// Note for the user on the conversion of the text.
-    pub(super) fn note(&self) -> Option<&'static str> {
-        match self.separator {
-            b';' => Some("columns are separated by semicolons; a comma in a number is read as a decimal point"),
-            b'\t' => Some("columns are separated by tabs; a comma in a number is read as a decimal point"),
+    /// Notes for the user on the conversion of the text.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let separator = match self.separator {
+            b';' => Some("semicolons"),
+            b'\t' => Some("tabs"),
+            b' ' => Some("blanks"),
             _ => None,
-        }
+        };
+        let separator = separator.map(|separator| {
+            format!("columns are separated by {separator}; a comma in a number is read as a decimal point")
+        });
+        let units = self.has_units.then(|| "the row below the header is read as the units of the columns".to_owned());
+        let latin_1 = self.is_latin_1.then(|| "the text is not UTF-8; it is read as Latin-1".to_owned());
+        separator.into_iter().chain(units).chain(latin_1).collect()
     }
+}
+
+/// Whether a cell is empty or a number with a decimal point or comma.
+fn is_number(cell: &str) -> bool {
+    cell.is_empty() || super::number(&cell.replace(',', ".")).is_some()
+}
+
+/// Whether blanks separate the columns: the header has no other separator, and one of the next two rows has a value for
+/// each name, at least half of them numbers.
+fn has_blanks(header: &str, next: [&str; 2]) -> bool {
+    let names = header.split_whitespace().count();
+    names > 1
+        && !header.contains([',', ';', '\t', '"'])
+        && next.iter().any(|row| {
+            let cells: Vec<&str> = row.split_whitespace().collect();
+            cells.len() == names && 2 * cells.iter().filter(|cell| is_number(cell)).count() >= names
+        })
 }
 
 /// Whether a line without names has decimal commas and semicolons: `0,5;51336,2`.
@@ -135,6 +187,9 @@ enum DecimalSign {
 pub(super) struct ConvertedText {
     input: BufReader<TextFile>,
     separator: u8,
+    is_latin_1: bool,
+    /// Whether the current row has a cell before the blanks at the current position.
+    after_cell: bool,
     /// The current cell, and whether it has an open quote.
     cell: Vec<u8>,
     quoted: bool,
@@ -157,6 +212,8 @@ impl ConvertedText {
         let mut text = ConvertedText {
             input,
             separator: style.separator,
+            is_latin_1: style.is_latin_1,
+            after_cell: false,
             cell: vec![],
             quoted: false,
             out: vec![],
@@ -197,24 +254,37 @@ impl ConvertedText {
     fn convert(&mut self, part: &[u8]) -> io::Result<()> {
         for byte in part {
             let is_quote = *byte == b'"' && (self.cell.is_empty() || self.cell.starts_with(b"\""));
-            let ends = *byte == self.separator || ends_record(*byte);
+            let by_blanks = self.separator == b' ';
+            let separates = *byte == self.separator || by_blanks && *byte == b'\t';
+            let ends = separates || ends_record(*byte);
             if is_quote {
                 self.quoted = !self.quoted;
             }
             if self.quoted || !ends {
+                if by_blanks && self.cell.is_empty() && std::mem::take(&mut self.after_cell) {
+                    self.out.push(b',');
+                }
                 self.cell.push(*byte);
                 continue;
             }
+            self.after_cell = separates && (self.after_cell || !self.cell.is_empty());
             self.end_cell()?;
             self.line += u64::from(*byte == b'\n');
-            self.out.push(if *byte == self.separator { b',' } else { *byte });
+            if !separates {
+                self.out.push(*byte);
+            } else if !by_blanks {
+                self.out.push(b',');
+            }
         }
         Ok(())
     }
 
     /// Appends the current cell. Text with a comma is quoted.
     fn end_cell(&mut self) -> io::Result<()> {
-        let cell = std::mem::take(&mut self.cell);
+        let mut cell = std::mem::take(&mut self.cell);
+        if self.is_latin_1 && std::str::from_utf8(&cell).is_err() {
+            cell = latin_1::decoded(&cell).into_bytes();
+        }
         let inner = cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\""));
         match decimal(&mut self.sign, inner.unwrap_or(&cell), self.line)? {
             Some(number) => self.out.extend(number),
@@ -340,6 +410,11 @@ mod tests {
             ("a;b\n2024-06-03T14:00:00.5Z;51336,25\n", "a,b\n2024-06-03T14:00:00.5Z,51336.25\n"),
             // `1,234` may be a whole number until a later number has a decimal comma.
             ("a;b\n1,234;5\n0,5;6\n", "a,b\n1.234,5\n0.5,6\n"),
+            ("a  b\n1.5   2\n  -3 4  \n", "a,b\n1.5,2\n-3,4\n"),
+            ("a b\tc\n1,5 x\t2", "a,b,c\n1.5,x,2"),
+            (" a b \n 1 2 \n\n3\n", "a,b\n1,2\n\n3\n"),
+            // Names with blanks, not columns.
+            ("a b\n1\n2\n", "a b\n1\n2\n"),
         ] {
             assert_eq!(converted(text).unwrap(), expected, "{text:?}");
         }
@@ -355,6 +430,34 @@ mod tests {
         }
         let fault = converted("a\tb\n1.5\t2\n\n3,5\t2\n").unwrap_err().to_string();
         assert!(fault.contains("line 4"), "{fault}");
+    }
+
+    #[test]
+    fn gold_units_below_the_header_become_part_of_it() {
+        for (text, expected) in [
+            ("time,alt,mag\ns,ft,nT\n1,2,3\n", "\n\"time [s]\",\"alt [ft]\",\"mag [nT]\"\n1,2,3\n"),
+            ("# x\na;b\n(\u{b5}T);m\n1,5;2\n", "\n\n\"a [\u{b5}T]\",\"b [m]\"\n1.5,2\n"),
+            ("t  a\nhh:mm:ss  nT\n10:00:00  5\n", "\n\"t\",\"a [nT]\"\n10:00:00,5\n"),
+        ] {
+            assert_eq!(converted(text).unwrap(), expected, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn gold_signs_of_units_in_latin_1_become_utf_8() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.csv");
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            let mut out = vec![];
+            CsvText::open(&path).unwrap().read_to_end(&mut out).map(|_| out)
+        };
+        let text = "lat [\u{b0}],mag [\u{b5}T],n\n1,2,\u{fc}ber\n";
+        let latin_1: Vec<u8> = text.chars().map(|c| c as u8).collect();
+        assert_eq!(read(&latin_1).unwrap(), text.as_bytes());
+        assert_eq!(read(text.as_bytes()).unwrap(), text.as_bytes());
+        // A byte that no text has remains for the error of its row.
+        assert_eq!(read(b"a,b\n1,\xff\n").unwrap(), b"a,b\n1,\xff\n");
     }
 
     #[test]
