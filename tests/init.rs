@@ -124,14 +124,11 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
         ),
         (
             "latin_1",
-            csv(
-                "date;time;mag;flux_x;flux_y;flux_z;lat;lon\ndd/mm/yyyy;hh:mm:ss;nT;\u{b5}T;\u{b5}T;\u{b5}T;\u{b0};\u{b0}",
-                |s| {
-                    let [x, y, z] = s.vector.map(|b| b / 1e3);
-                    let time = dated("23/06/2024", s.t).replace(' ', ";");
-                    format!("{time};{:.3};{x:.5};{y:.5};{z:.5};{:.7};{:.7}", s.scalar, s.lat, s.lon)
-                },
-            ),
+            csv("date;time;mag;flux_x;flux_y;flux_z;lat;lon\ndd/mm/yyyy;hh:mm:ss;nT;µT;µT;µT;°;°", |s| {
+                let [x, y, z] = s.vector.map(|b| b / 1e3);
+                let time = dated("23/06/2024", s.t).replace(' ', ";");
+                format!("{time};{:.3};{x:.5};{y:.5};{z:.5};{:.7};{:.7}", s.scalar, s.lat, s.lon)
+            }),
         ),
         (
             "blanks",

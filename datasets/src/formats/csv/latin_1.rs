@@ -5,8 +5,8 @@ use super::cells::ends_record;
 /// Number of lines with values that are examined: the header, and the row below it.
 const LINES: usize = 2;
 
-/// Whether the first lines of a text are in Latin-1: they are not UTF-8, and their bytes above 127 are signs of units or
-/// letters.
+/// Whether the first lines of a text are in Latin-1: they are not UTF-8, and their bytes above 127 are letters or signs
+/// of units.
 pub(super) fn is_latin_1(text: &[u8]) -> bool {
     let mut lines = text.split(|b| ends_record(*b)).filter(|line| !line.trim_ascii().is_empty());
     let mut values = 0;
