@@ -257,6 +257,20 @@ fn user_spikes_infinities_and_dropouts_are_missing_and_counted() {
 }
 
 #[test]
+fn user_a_magnetometer_that_stops_in_flight_is_a_finding() {
+    let flight = total("1.01", 400);
+    let of = |column: &str| numbers(std::slice::from_ref(&flight), column);
+    let (stop, held) = (of("mag_4_uc")[100], of("mag_5_uc"));
+    let stopped = changed(&flight, "mag_4_uc", |i, x| if (100..=340).contains(&i) { stop } else { x });
+    // Each sample ten times is a slower sensor.
+    let bench = bench(&[changed(&stopped, "mag_5_uc", |i, _| held[i / 10 * 10])], "");
+    assert_eq!(bench.run(&[]).code, 0);
+    let found = quality(&bench);
+    let expected = [("1.01".to_owned(), "mag_4_uc".to_owned(), "stuck".to_owned(), 241.0, 100.0, stop)];
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn user_one_mistake_of_a_file_gives_one_message() {
     let lines = [("1.01", 300), ("1.02", 200), ("1.03", 100)]
         .map(|(line, rows)| each(&total(line, rows), &["mag_4_uc"], |x| x * 1e-9));

@@ -1,4 +1,4 @@
-"""Spectrum of the temporal variation at the observatory Boulder, with which the report compares simulated records.
+"""Spectrum of the temporal variation at the Boulder observatory, with which the report compares simulated records.
 
     python3 make_observatory_spectrum.py BOU20200101vsec.sec bou20141103vmin.min bou20141104vmin.min \
         bou20141105vmin.min > ../../pipeline/report/src/html/observatory_spectrum.csv

@@ -174,8 +174,8 @@ pub trait SurveyStage: Stage {
 pub struct SurveyPoint<'a, S: SurveyStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
-    /// Inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
-    /// reads them.
+    /// Inputs: whole models, maps and records. An empty batch represents each table of lines, which
+    /// [`SurveyAggregator::map`] has already read.
     pub inputs: &'a [RecordBatch],
 }
 

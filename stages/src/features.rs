@@ -47,7 +47,8 @@ stage! {
     ///
     /// Differences and lags are per sample. The column's metadata list them (`per_sample`), and hold the sample rate
     /// (`rate_hz`) if a `resample` stage set it. A stage that applies a model at another rate converts the differences
-    /// and rejects the lags. A column of the table, such as one made by `derivative`, is used unchanged at any rate.
+    /// to that rate, and fails if the model has lags. A column of the table, such as one made by `derivative`, is used
+    /// unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.

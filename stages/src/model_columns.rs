@@ -7,5 +7,6 @@ pub const INTERCEPT: &str = "intercept";
 /// (s).
 pub const RESIDUAL: [&str; 3] = ["residual_sigma", "residual_fogm_sigma", "residual_fogm_tau"];
 
-/// Sample rate of the lines of a fit, in Hz. Coefficients of differences per sample hold at this rate.
+/// Sample rate of the lines of a fit, in Hz. Coefficients of terms that are differences
+/// between successive samples are valid only at this rate.
 pub const RATE: &str = "rate_hz";

@@ -30,9 +30,9 @@ stage! {
     /// resampled because the errors within a line are correlated. A single line has no interval (null).
     ///
     /// Each metric is pooled over the lines that are not in sample. If none of these lines has a value, the metric is
-    /// pooled over the in-sample lines, and `in_sample` is true. A line is in sample if it was used to make a model,
-    /// noise or map behind its scores, or to choose a parameter in a search. The table `scores_pooled` also pools the
-    /// in-sample lines if other lines exist.
+    /// pooled over the in-sample lines, and `in_sample` is true. A line is in sample if its scores depend on
+    /// a model, a noise estimate or a map that was made from this line, or on a parameter that a search chose with it.
+    /// The table `scores_pooled` also pools the in-sample lines if other lines exist.
     ///
     /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. This ratio is
     /// the pooled `std_error` of all other lines, in sample or not, divided by the pooled `std_error` of the training

@@ -14,7 +14,7 @@ mod sampling;
 mod saturation;
 mod spikes;
 mod stretches;
-mod stuck;
+pub(crate) mod stuck;
 pub mod table;
 
 pub use look::{FigureContext, needs_a_look};
@@ -24,7 +24,7 @@ use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use schemas::{Role, describe_field, flight};
 
-use super::quality::{Finding, FindingKind};
+use super::finding::{Finding, FindingKind};
 
 /// Version of the checks, increased when the figures of the checks change.
 pub const VERSION: &str = "checks 2";
@@ -256,7 +256,8 @@ pub fn of_findings(findings: &[Finding], tt: &[f64]) -> Vec<QualityMeasure> {
         count: f.n,
         first_tt: at(f.first_row),
     };
-    findings.iter().map(one).collect()
+    // The check `stuck` measures the duration, in every column.
+    findings.iter().filter(|f| f.check != FindingKind::Stuck).map(one).collect()
 }
 
 /// Whether a column is an angle that jumps by a whole turn.

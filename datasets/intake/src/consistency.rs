@@ -188,8 +188,8 @@ fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<
     }
     let all = chords([tt, lat, lon], None, motion::CHORD_S);
     let speed = mean_speed(&all, |c| c.moved);
-    // A stationary aircraft does not indicate a wrong unit. If the positions are in radians, an apparent 5 m/s is 290
-    // m/s.
+    // A stationary aircraft does not indicate a wrong unit. If positions in radians are read as degrees, a speed
+    // of 290 m/s appears as 5 m/s.
     if all.len() < 3 || !(0.05..5.0).contains(&speed) {
         return None;
     }

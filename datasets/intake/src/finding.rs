@@ -24,6 +24,8 @@ pub enum FindingKind {
     Inconsistent,
     /// A sensor that never changes.
     Constant,
+    /// A magnetometer that stays at one value for far longer than usual.
+    Stuck,
 }
 
 impl FindingKind {
@@ -37,6 +39,7 @@ impl FindingKind {
             FindingKind::NotTotalField => "not_total_field",
             FindingKind::Inconsistent => "inconsistent",
             FindingKind::Constant => "constant",
+            FindingKind::Stuck => "stuck",
         }
     }
 }

@@ -1,5 +1,5 @@
-//! The quality of a line's data: missing, infinite, impossible and constant values of each column, and the faults that
-//! make the line unusable.
+//! The quality of a line's data: missing, infinite, impossible, constant and stuck values of each column, and the
+//! faults that make the line unusable.
 //!
 //! Infinities, scalar magnetometer readings of exactly 0, and a few impossible values of a sensor become missing
 //! values; each of these kinds is a finding. An impossible position, attitude or date is a fault. A sensor with
@@ -21,8 +21,8 @@ use schemas::{
     },
 };
 
-use super::consistency;
 pub use super::finding::{FileColumns, Finding, FindingKind};
+use super::{checks::stuck, consistency};
 
 /// Impossible values of a sensor count as spikes if their share of the samples is at most this.
 const SPIKES: f64 = 0.1;
@@ -154,6 +154,7 @@ impl QualityLine<'_> {
             (FindingKind::Impossible, counts.outside),
             (FindingKind::NotTotalField, unusual(residual.is_some())),
             (FindingKind::Constant, unusual(dead)),
+            (FindingKind::Stuck, if dead { RowTally::default() } else { stuck_samples(name, values) }),
         ] {
             if tally.n > 0 {
                 let value = values.get(tally.first).copied().unwrap_or(f64::NAN);
@@ -238,6 +239,20 @@ impl QualityLine<'_> {
             }
         }
     }
+}
+
+/// Samples of a magnetometer at which it stays at one value for far longer than usual; none for other columns.
+fn stuck_samples(name: &str, values: &[f64]) -> RowTally {
+    let is_scalar = flight::is_scalar_reading(name);
+    if !is_scalar && flight::vector_part(name).is_none() {
+        return RowTally::default();
+    }
+    let is_reading = |x: &f64| x.is_finite() && !(is_scalar && *x == 0.0);
+    let runs = stuck::stretches(values);
+    let rows = runs.into_iter().filter(|run| values.get(run.start).is_some_and(is_reading)).flatten();
+    let mut tally = RowTally::default();
+    rows.for_each(|row| tally.add(row));
+    tally
 }
 
 /// The vector magnetometers of a flight, each with the positions of its three components.

@@ -173,7 +173,7 @@ mod tests {
     use super::*;
     use crate::{formats::read_iaga2002, samples};
 
-    /// Some hours of one day at the observatory Boulder, in this format, and the record from which they are converted.
+    /// Some hours of one day at the Boulder observatory in this format, and the record from which they were converted.
     fn boulder(hours: std::ops::Range<usize>) -> (String, ObservatoryRecord) {
         let path = samples::path("boulder/bou20141104vmin.min");
         let text = std::fs::read_to_string(&path).unwrap();

@@ -8,7 +8,7 @@ use std::{
 
 use crate::ReadError;
 
-/// Number of decoded bytes that every file may declare. Survey lines of one hour have about 10 MB.
+/// Number of decoded bytes that any file may declare, however small it is. Survey lines of one hour have about 10 MB.
 const FREE: u64 = 256 << 20;
 /// Number of decoded bytes that a file may declare per byte of its size, if that is more than [`FREE`]. Measured data
 /// have 2 to 10; a constant column has thousands, but it is only one of many columns.

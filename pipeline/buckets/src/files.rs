@@ -126,7 +126,7 @@ impl BucketCache {
             if path.is_dir() {
                 self.forget(&path, known, are_of);
             } else if !known.contains(&path) && are_of(&path) && !entry.file_name().to_string_lossy().starts_with('.') {
-                // A copy that cannot be removed is never used, because only objects of the listing are inputs.
+                // A copy that cannot be removed does no harm: only the objects of the listing are read as inputs.
                 let _ = fs::remove_file(&path);
             }
         }

@@ -29,7 +29,7 @@ struct SweepGridSide {
 }
 
 impl SweepGrid {
-    /// The points over `axes`: positions in the spec, in any order.
+    /// The points over `axes`, the numbers of axes in the spec in any order.
     pub fn new(axes: &[usize], spec: &Spec) -> SweepGrid {
         let searched = spec.searched.clone();
         let first = |i: &usize| if searched.contains(i) { searched.start } else { *i };

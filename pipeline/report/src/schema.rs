@@ -1,7 +1,7 @@
 //! JSON Schema of a spec, made from the declarations of the stages; editors use it to complete and check specs.
 //!
-//! The schema accepts every valid spec. It does not accept most specs with a misspelt key, a value of a wrong type or a
-//! number outside its limits; only `magline check` checks relations between tables.
+//! The schema accepts every valid spec. It rejects most specs that have a misspelt key, a value of the wrong type or a
+//! number outside its limits. Only `magline check` checks relations between tables.
 
 use std::collections::BTreeMap;
 

@@ -31,7 +31,7 @@ pub enum CostFormat {
     /// Aligned columns, with values to two significant digits.
     #[default]
     Table,
-    /// One JSON object: the tables, and the totals rows, bytes, processor_s, clock_s, memory_bytes.
+    /// One JSON object with the tables and the totals `rows`, `bytes`, `processor_s`, `clock_s` and `memory_bytes`.
     Json,
 }
 

@@ -247,8 +247,8 @@ impl QueryProcessPool {
         }
     }
 
-    /// Ends a query that exceeds its time or memory, or whose client has disconnected. Ends the answer of a client that
-    /// is too slow.
+    /// Ends a query that exceeds its time or memory, or whose client has disconnected. Ends the answer to a client that
+    /// reads it too slowly.
     async fn watch(self, number: u64, spool: SpoolWriter, deadline: Instant) {
         let looked = async {
             let mut looks = interval(LOOKS_EVERY);

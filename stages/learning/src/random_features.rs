@@ -62,8 +62,8 @@ pub struct RandomFeatureSettings {
     /// The length scale, in the unit of the columns. `None`: the most likely of 1/4, 1/2, 1, 2 and 4 times the median
     /// distance between rows, on up to 4000 rows.
     pub length: Option<f64>,
-    /// Prior standard deviation of the coefficient of each column, per unit of the columns, as a multiple of the
-    /// standard deviation of the Gaussian process; 0 omits the columns.
+    /// Prior standard deviation of each column's coefficient, in standard deviations of the Gaussian process per unit
+    /// of the column; 0 omits the columns.
     pub linear: f64,
     /// Ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely ratio.
     pub lambda: Option<f64>,

@@ -8,9 +8,9 @@ use super::{
 };
 
 model! {
-    /// A network N predicts the residual of the linear model a . b, so the prediction is a . b + N(x). Here a is the
-    /// vector of Tolles-Lawson terms, and x are the inputs of the network. The coefficients b are from a ridge fit to
-    /// band-passed terms and are not trained.
+    /// A network N predicts the residual of the linear model `a . b`, so the prediction is `a . b + N(x)`. Here `a` is
+    /// the vector of Tolles-Lawson terms, and `x` is the vector of inputs of the network. The coefficients b are from a
+    /// ridge fit to band-passed terms and are not trained.
     ///
     /// Source: Gnadt 2022, section 4.4.
     M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

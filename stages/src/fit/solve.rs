@@ -39,7 +39,7 @@ pub enum ResidualSource {
 
 /// Fitted model, in the form of its table.
 pub struct FitSolution {
-    /// Rows of the model and of its training.
+    /// Rows of the model table and of the training table.
     pub table: Vec<ModelTableRow>,
     /// Data from which the residual noise is computed.
     pub left: ResidualSource,

@@ -42,7 +42,8 @@ filter! {
     groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Fraction of a window that overlaps with the next window. Windows end every `window_s` (1 - `overlap`) seconds.
+    /// Fraction of a window that overlaps with the next window. A window ends every `window_s` × (1 - `overlap`)
+    /// seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
     /// Delay of the estimate, which uses measurements up to this time after the sample. 0 gives real-time navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;

@@ -36,8 +36,8 @@ filter! {
     /// succeeded. In tests with 150 particles, two of six surveys diverged, with covariances far too small.
     ///
     /// With `smooth`, for post-processing, the result is the most probable track of the whole flight given all
-    /// measurements. The smoother starts from the track of the particles and reduces errors of tens of metres to
-    /// metres. It represents the INS error by a few smooth functions of time. Every crossing constrains these
+    /// measurements. The smoother starts from the track of the particles and reduces errors from tens of metres to a
+    /// few metres. It represents the INS error by a few smooth functions of time. Every crossing constrains these
     /// functions, so few particles are enough. `residual`, `nis`, `revisiting` and `effective` still describe the
     /// particles.
     ///

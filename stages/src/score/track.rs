@@ -14,12 +14,12 @@
 //!   factor of two. The limit is a factor of four, which matters in practice: the predicted sigma is then half or twice
 //!   its correct value.
 //!
-//! Limit of `whiteness`: four or fewer of 20 lags are outside their band with probability 0.997.
+//! Limitation of `whiteness`: four or fewer of 20 lags are outside their band with probability 0.997.
 //!
-//! Limit of `correlated_nis`: if the assumed noise is increased to account for the correlation, the value is 1,
-//! although the correlation remains. On 45 lines of nine simulated flights with estimated noise, correlated innovations
-//! and a median NEES of 1.9, the statistic is 0.76 to 1.40. With a magnetometer that lags by 0.6 s it is 2.2 to 2.9. On
-//! a map made from sparse lines, used without its error, it is above 200.
+//! Limitation of `correlated_nis`: if the assumed noise is increased to account for the correlation, its value is 1
+//! although the innovations are still correlated. On 45 lines of nine simulated flights with estimated noise,
+//! correlated innovations and a median NEES of 1.9, the statistic is 0.76 to 1.40. With a magnetometer that lags by 0.6
+//! s it is 2.2 to 2.9. On a map made from sparse lines, used without its error, it is above 200.
 
 use arrow_array::Array;
 use numerics::regression::{
@@ -171,8 +171,8 @@ metric! {
 }
 
 metric! {
-    /// `nis` times the statistical inefficiency of the innovations, 1 plus twice the sum of their autocorrelations; 1
-    /// for a consistent filter. If the assumed noise is increased for correlated innovations, the value is near 1
+    /// `nis` multiplied by the statistical inefficiency of the innovations (1 plus twice the sum of their
+    /// autocorrelations). If the assumed noise is increased for correlated innovations, the value is near 1
     /// although `whiteness` is low. A value above 1 means that the covariance of the position is too small
     CORRELATED_NIS = "correlated_nis", unit "1", pool Mean, better Near(1.0), limit AtMost(1.5), needs [Innovations];
     |line| Ok(consistency::correlated_nis(&normalised_innovations(line)?))

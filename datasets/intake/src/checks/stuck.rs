@@ -34,6 +34,9 @@ pub fn stretches(values: &[f64]) -> Vec<Range<usize>> {
             _ => runs.push(row..row + 1),
         }
     }
+    if runs.iter().all(|run| run.len() < LEAST) {
+        return vec![];
+    }
     let mut lengths: Vec<usize> = runs.iter().map(ExactSizeIterator::len).collect();
     lengths.sort_unstable();
     let usual = lengths.get(lengths.len() * 9 / 10).copied().unwrap_or(1);

@@ -34,8 +34,9 @@ fn unit_of(
         if wanted.is_empty() {
             return Some(String::new());
         }
-        let what =
-            format!("the unit of `{name}` is in neither the file nor the mapping; `{name}` is converted to {wanted}");
+        let what = format!(
+            "the unit of `{name}` is in neither the file nor the mapping, but is required for the conversion to {wanted}"
+        );
         let known = convertible_to(wanted).join(", ");
         columns.push(Fault::new(what).help(format!("set `unit`: {known}")).at(at.0));
         return None;

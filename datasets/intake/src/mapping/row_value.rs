@@ -13,8 +13,8 @@ const SUBJECT: &str = "`sql`";
 #[derive(Clone, Debug)]
 pub struct RowExpression {
     expression: Expression,
-    /// The columns that the expression reads: positions in the batches of the file, and fields as seen by the
-    /// expression.
+    /// The columns that the expression reads: their positions in the batches of the file, and their names and types
+    /// for the expression.
     reads: Vec<(usize, Field)>,
 }
 

@@ -11,9 +11,9 @@
 //! is computed again. Each correction reduces the difference to about b/B of the previous difference. After the last
 //! correction it is below the rounding of the transform.
 //!
-//! Below an inclination of 15 degrees, T hardly contains waves across the core field, so a residual remains. The
-//! residual is added along the core direction, so that the scalar anomaly equals the map everywhere. Only this part of
-//! the field is not a gradient.
+//! At inclinations below 15 degrees, T contains almost nothing of the waves whose wave vector is perpendicular to the
+//! core field, so a residual remains. The residual is added along the core direction, so that the scalar anomaly equals
+//! the map everywhere. Only this part of the field is not a gradient.
 
 use std::{
     collections::BTreeMap,

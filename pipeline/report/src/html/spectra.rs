@@ -98,7 +98,7 @@ fn chart(mut lines: Vec<ChartLine>, rate_hz: f64) -> Option<LineChart> {
         }
     }
     let caption = "The recorded signals, including core field and anomaly, compared with published spectra: the \
-                   temporal variation of the total field at the observatory Boulder (INTERMAGNET; 3 to 5 November \
+                   temporal variation of the total field at the Boulder observatory (INTERMAGNET; 3 to 5 November \
                    2014 and 1 January 2020), and the sensitivity stated by manufacturers of magnetometers. The \
                    shaded band contains the frequencies of the manoeuvres in a calibration box. Anomaly and temporal \
                    variation dominate below it, sensor noise dominates above it.";

@@ -10,7 +10,7 @@ pub enum TrainingError {
         what: &'static str,
     },
     /// The number of values does not match the rows.
-    #[error("the samples {what} have {given} values of {of}, but {rows} rows require {expected}")]
+    #[error("samples {what}: {given} values of {of} are given, but {rows} rows require {expected}")]
     Length {
         /// Purpose of the rows: `to train on` or `to validate with`.
         what: &'static str,

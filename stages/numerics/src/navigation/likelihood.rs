@@ -248,7 +248,7 @@ impl InnovationLikelihood {
 }
 
 impl<'a> NoiseLikelihood<'a> {
-    /// Likelihood with the same constant states and the same map error as an estimated noise.
+    /// Likelihood with the constant states and the map error of `noise`, which was estimated before.
     fn with_noise(search: &'a NoiseSearch<'a>, thinned: &'a ThinnedLine, terms: &'a [f64], noise: &LineNoise) -> Self {
         let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
         Self { search, thinned, terms, map_factor: noise.own_map_factor(), latency_sigma_s, map_height_sigma_m }

@@ -35,8 +35,9 @@ pub struct AircraftFieldSpec {
     /// The permanent field in nT. Keys `permanent = [x, y, z]`, or `permanent_nt`, its magnitude (0), with a drawn
     /// direction.
     pub permanent: QuantitySpec<Vector3<f64>>,
-    /// The induced tensor in nT per nT of the earth's field. Keys `induced = [[..], [..], [..]]`, of any symmetry,
-    /// or `induced_nt`, the standard deviation of a symmetric tensor's elements times 50,000 nT (0).
+    /// The induced tensor in nT per nT of the earth's field. Keys: `induced = [[..], [..], [..]]`, which need not be
+    /// symmetric; or `induced_nt` for a random symmetric tensor: the standard deviation of its elements, multiplied by
+    /// 50,000 nT (default 0).
     pub induced: QuantitySpec<Matrix3<f64>>,
     /// Whether a drawn tensor is symmetric.
     pub induced_symmetric: bool,

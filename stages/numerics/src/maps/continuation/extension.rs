@@ -85,8 +85,8 @@ impl Padding {
         }
     }
 
-    /// The padding of MagNav.jl's `upward_fft` for a continuation by `distance_m`: ten times the distance, wrapped
-    /// around.
+    /// The padding of MagNav.jl's `upward_fft` for a continuation by `distance_m`: a margin of ten times the distance,
+    /// filled by wrapping the map around.
     pub fn magnav(grid: &PlaneGrid, distance_m: f64) -> Self {
         let cells = |step: f64| (10.0 * distance_m.abs() / step).ceil().min(MOST_PADDING as f64) as usize;
         let pad = cells(grid.east_m.step).max(cells(grid.north_m.step)).min(MOST_PADDING);

@@ -279,7 +279,7 @@ impl<'a> ColumnBlock<'a> {
         });
     }
 
-    /// Copies the rows of the block from row `at` on back to the buffer.
+    /// Copies the block to the rows of the buffer from row `at`.
     fn scatter(&self, buffer: &mut [f64], at: usize) {
         let half = 2 * self.transform.half();
         let columns = &self.columns[..self.width * self.stride];

@@ -110,7 +110,7 @@ pub enum MapGridError {
     /// A value is infinite.
     #[error("the anomaly in row {row} of the map is infinite; use NaN for an unknown value")]
     Infinite {
-        /// The row, from 0, sorted by latitude, then longitude.
+        /// The number of the row, from 0. The rows are sorted by latitude, then longitude.
         row: usize,
     },
     /// Every value is unknown.
@@ -131,7 +131,7 @@ pub enum MapGridError {
     CompanionValue {
         /// Kind of the companion: `vertical derivative` or `height`.
         companion: &'static str,
-        /// The row, from 0, sorted by latitude, then longitude.
+        /// The number of the row, from 0. The rows are sorted by latitude, then longitude.
         row: usize,
         /// The value.
         value: f64,
@@ -334,8 +334,8 @@ impl GeographicGrid {
         Ok(Self { lat, lon, values: anomaly_nt.to_vec(), closed: false })
     }
 
-    /// A grid from a table with one row per node, sorted by latitude, then longitude (degrees,
-    /// degrees, nT).
+    /// A grid from a table with one row per node (degrees, degrees, nT). The rows are sorted by latitude, then
+    /// longitude.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Columns`] for columns of different lengths, or with [`MapGridError::Row`] for a row

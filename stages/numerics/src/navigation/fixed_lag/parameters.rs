@@ -9,8 +9,8 @@ params! {
     pub struct FixedLagParameters, all default;
     /// Length of a window. The map is linearised anew over the window until the solution converges.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
-    /// default 15 s. This interval has more influence than the length of the windows.
+    /// Fraction of a window that the next window shares. A window ends every `window_s` × (1 - `overlap`) seconds,
+    /// by default 15 s. This interval has more influence than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
     /// Maximum delay: the estimate of a sample uses no measurement later than this after the sample. 0 navigates in
     /// real time.

@@ -196,8 +196,8 @@ fn usable(
     if features.len() != rows * width || aircraft_nt.len() != rows {
         let (given, fields) = (features.len(), aircraft_nt.len());
         let what = format!(
-            "{rows} times require {rows} field values and {width} feature values each, but {fields} field values and \
-             {given} feature values are given"
+            "there are {rows} samples, which require {rows} field values and {width} features per sample, but \
+             {fields} field values and {given} feature values are given"
         );
         return Err(refused("features", what));
     }

@@ -112,7 +112,7 @@ impl<'a> CoordinateDescent<'a> {
         }
     }
 
-    /// (Rᵀ R + l2) b = Rᵀ z − l1 sign over the active terms, by a QR factorisation of [R; √l2].
+    /// Solves (Rᵀ R + l2 I) b = Rᵀ z − l1 sign(b) for the active terms, by a QR factorisation of [R; √l2 I].
     fn exactly(&self, terms: &[usize], l1: f64, l2: f64) -> Option<Vec<f64>> {
         let (p, active) = (self.b.len(), terms.len());
         let mut triangular = TriangularSystem::new(active);
