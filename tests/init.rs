@@ -182,6 +182,19 @@ fn user_a_date_with_two_readings_is_a_question() {
 }
 
 #[test]
+fn user_columns_without_readable_values_are_named_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = csv("tt,mag,lat,lon,what", |s| {
+        format!("{:.3},{:.3},{:.6}N,{:.6}W,x", 50_000.0 + s.t, s.scalar / 1e3, s.lat, -s.lon)
+    });
+    fs::write(folder.join("log.csv"), text).unwrap();
+    let found = stdout(&magline(folder, &["init", "log.csv"]));
+    assert!(found.contains("no value is a number: lat, lon") && found.contains("not recognised: what"), "{found}");
+    assert!(found.contains("mag: omitted: a median of 51.") && found.contains("in uT, the median would be"), "{found}");
+}
+
+#[test]
 fn user_a_date_and_a_unit_of_a_log_reach_the_tables() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

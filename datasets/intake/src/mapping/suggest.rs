@@ -284,12 +284,15 @@ impl SuggestedTable<'_> {
                 || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
                 || positions.iter().any(|positions| positions.reads(&c.name))
         };
-        let others: Vec<String> =
-            topic.columns.iter().filter(|c| !named(c)).map(|c| one_line(&c.name).into_owned()).collect();
-        if !others.is_empty() {
-            let line = format!("not recognised: {}", others.join(", "));
-            text += &wrapped(&line);
-            unused.push(line);
+        let (unreadable, others): (Vec<&ColumnSample>, Vec<&ColumnSample>) =
+            topic.columns.iter().filter(|c| !named(c)).partition(|c| c.is_unreadable());
+        for (reason, columns) in [("no value is a number", unreadable), ("not recognised", others)] {
+            let names: Vec<String> = columns.iter().map(|c| one_line(&c.name).into_owned()).collect();
+            if !names.is_empty() {
+                let line = format!("{reason}: {}", names.join(", "));
+                text += &wrapped(&line);
+                unused.push(line);
+            }
         }
         text
     }

@@ -3,8 +3,9 @@
 use arrow_array::{Array, ArrayRef, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
 use arrow_schema::DataType;
-use datasets::{FlightReader, ReadError};
+use datasets::{FlightReader, ReadError, formats::name_of_head};
 use numerics::regression::statistics::median;
+use schemas::flight;
 
 /// Maximum number of rows in the sample.
 const ROWS: usize = 200_000;
@@ -30,6 +31,12 @@ impl ColumnSample {
     /// Finite values.
     pub fn known(&self) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().copied().filter(|x| x.is_finite())
+    }
+
+    /// Whether the column must have numbers, such as `lat`, but has none, such as in `45 06 00 N`.
+    pub fn is_unreadable(&self) -> bool {
+        let has_unit = !flight::describe(name_of_head(&self.name)).unit.is_empty();
+        has_unit && !self.values.is_empty() && self.known().next().is_none()
     }
 
     /// The smallest and the largest value.
