@@ -7,6 +7,7 @@
 
 use std::{
     collections::{HashSet, VecDeque},
+    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -111,6 +112,18 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usi
         done: false,
     };
     Ok(RawFlight { notes, found: Some(scan.spelt()), ..RawFlight::new(schema, Box::new(parts)) })
+}
+
+/// The text of a file with semicolons, tabs, a row of units or in Latin-1 as comma-separated text in UTF-8, with notes on
+/// the conversion. `None` for other text.
+pub(super) fn converted(path: &Path) -> Result<Option<(String, Vec<String>)>, ReadError> {
+    let style = CsvStyle::of(&FileHead::read(path)?);
+    if !style.is_foreign() {
+        return Ok(None);
+    }
+    let mut bytes = vec![];
+    CsvText::open(path)?.read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
+    Ok(Some((String::from_utf8_lossy(&bytes).into_owned(), style.notes())))
 }
 
 /// The names in the header, distinct and not empty.

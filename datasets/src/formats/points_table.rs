@@ -132,7 +132,8 @@ fn from_text(path: &Path) -> Result<PointTable, ReadError> {
     let mut lines = GeosoftLineNames::default();
     text.records.iter().for_each(|(_, record)| lines.add(record));
     let records = text.records.iter().map(|(row, record)| (*row, lines.name(record))).collect();
-    Ok(PointTable { columns, rows, records, types: lines.types(), notes: lines.note().into_iter().collect() })
+    let notes = text.notes.into_iter().chain(lines.note()).collect();
+    Ok(PointTable { columns, rows, records, types: lines.types(), notes })
 }
 
 impl PointTable {

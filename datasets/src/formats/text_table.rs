@@ -1,10 +1,10 @@
-//! Plain text in columns, the exchange format of survey points and grids. Columns are separated by commas, tabs or
-//! blanks. A file may have a header, comments and the line records of Geosoft's XYZ files.
+//! Plain text in columns, the exchange format of survey points and grids. Columns are separated by commas, semicolons,
+//! tabs or blanks. A file may have a header, a row of units, comments and the line records of Geosoft's XYZ files.
 
 use std::path::Path;
 
 use super::{
-    csv::number,
+    csv::{converted, number},
     decimal,
     line_records::{GeosoftLineRecord, LineRecordMatch, read as read_record, unknown},
     missing, text_end,
@@ -24,6 +24,8 @@ pub(super) struct TextTable {
     pub(super) comments: Vec<String>,
     /// The line records, each with the index of the row that follows it.
     pub(super) records: Vec<(usize, GeosoftLineRecord)>,
+    /// Notes on the conversion of the text.
+    pub(super) notes: Vec<String>,
 }
 
 /// The kind of a line.
@@ -46,12 +48,18 @@ pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
     if bytes.contains(&0) {
         return Err(ReadError::data(path, "the file is not text"));
     }
-    parse(path, &String::from_utf8_lossy(&bytes))
+    let Some((text, notes)) = converted(path)? else { return parse(path, &String::from_utf8_lossy(&bytes)) };
+    let table = parse(path, &text)?;
+    // The conversion omits the comments above the header.
+    let own = String::from_utf8_lossy(&bytes);
+    let comments = own.lines().filter_map(|line| Some(line.trim().strip_prefix('#')?.trim().to_owned()));
+    Ok(TextTable { notes, comments: comments.collect(), ..table })
 }
 
 fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let text = text.trim_start_matches('\u{feff}');
-    let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
+    let mut table =
+        TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![], notes: vec![] };
     // The numbers of each column; `None` if the column has a word that is not a number.
     let mut columns: Vec<Option<Vec<f64>>> = vec![];
     let (mut rows, mut numbers) = (0, vec![]);

@@ -27,8 +27,8 @@ pub(super) struct CsvStyle {
     separator: u8,
     /// Number of lines above the header or, if `header` replaces it, above the first row.
     above: usize,
-    /// The header, if it is a comment (`# tt,mag_1_uc`) or has its units in the next row.
-    header: Option<String>,
+    /// The names of the header, if it is a comment (`# tt,mag_1_uc`) or has its units in the next row.
+    header: Option<Vec<String>>,
     /// Whether the units are in the row below the header.
     has_units: bool,
     /// Whether the text is in Latin-1.
@@ -54,17 +54,17 @@ impl CsvStyle {
         let comment = above.iter().rev().find(|line| !line.trim().is_empty());
         let names = comment.map_or("", |comment| comment.trim_start_matches(COMMENT).trim());
         // The last comment is the header if it has a name for each value of a row of numbers.
-        let row = style.cells(first);
-        if row.len() > 1 && row.iter().all(|c| is_number(c)) && style.cells(names).len() == row.len() {
-            return CsvStyle { header: Some(names.to_owned()), ..style };
+        let (row, names) = (style.cells(first), style.cells(names));
+        if row.len() > 1 && row.iter().all(|c| is_number(c)) && names.len() == row.len() {
+            return CsvStyle { header: Some(names), ..style };
         }
         // A row of units that exceeds the examined start of the file is not whole.
         let is_whole = text.matches('\n').count() >= above.len() + 2;
         let heads = if is_whole { heads_with_units(&row, &style.cells(second)) } else { None };
-        let Some(heads) = heads else { return style };
-        let header = heads.iter().map(|head| format!("\"{}\"", head.replace('"', "\"\""))).collect::<Vec<_>>();
-        let header = header.join(&char::from(style.separator).to_string());
-        CsvStyle { above: above.len() + 2, header: Some(header), has_units: true, ..style }
+        if heads.is_some() {
+            return CsvStyle { above: above.len() + 2, header: heads, has_units: true, ..style };
+        }
+        style
     }
 
     /// The cells of one line, without quotes.
@@ -103,6 +103,11 @@ impl CsvStyle {
     /// Whether the text is read without conversion.
     fn is_plain(&self) -> bool {
         *self == CsvStyle::new("")
+    }
+
+    /// Whether the text has another separator than a comma or blanks, another encoding, or a row of units.
+    pub(super) fn is_foreign(&self) -> bool {
+        matches!(self.separator, b';' | b'\t') || self.has_units || self.is_latin_1
     }
 
     /// Notes for the user on the conversion of the text.
@@ -222,12 +227,13 @@ impl ConvertedText {
             sign: DecimalSign::Unknown,
             done: false,
         };
-        let header = style.header.as_deref();
-        let blank = style.above - usize::from(header.is_some());
+        let blank = style.above - usize::from(style.header.is_some());
         text.convert(&vec![b'\n'; blank])?;
-        if let Some(header) = header {
-            text.convert(header.as_bytes())?;
-            text.convert(b"\n")?;
+        if let Some(names) = &style.header {
+            let cells: Vec<Vec<u8>> = names.iter().map(|name| comma_cell(name.as_bytes())).collect();
+            text.out.extend(cells.join(&b','));
+            text.out.push(b'\n');
+            text.line += 1;
         }
         Ok(text)
     }
@@ -288,12 +294,7 @@ impl ConvertedText {
         let inner = cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\""));
         match decimal(&mut self.sign, inner.unwrap_or(&cell), self.line)? {
             Some(number) => self.out.extend(number),
-            None if inner.is_none() && cell.contains(&b',') => {
-                self.out.push(b'"');
-                let doubled = cell.iter().flat_map(|b| std::iter::repeat_n(*b, 1 + usize::from(*b == b'"')));
-                self.out.extend(doubled);
-                self.out.push(b'"');
-            }
+            None if inner.is_none() => self.out.extend(comma_cell(&cell)),
             None => self.out.extend(&cell),
         }
         Ok(())
@@ -311,6 +312,15 @@ impl Read for ConvertedText {
         self.at += count;
         Ok(count)
     }
+}
+
+/// A cell of comma-separated text: quoted if it contains a comma.
+fn comma_cell(cell: &[u8]) -> Vec<u8> {
+    if !cell.contains(&b',') {
+        return cell.to_vec();
+    }
+    let doubled = cell.iter().flat_map(|b| std::iter::repeat_n(*b, 1 + usize::from(*b == b'"')));
+    std::iter::once(b'"').chain(doubled).chain([b'"']).collect()
 }
 
 /// Skips lines that end with a newline, a carriage return, or both.
@@ -435,8 +445,8 @@ mod tests {
     #[test]
     fn gold_units_below_the_header_become_part_of_it() {
         for (text, expected) in [
-            ("time,alt,mag\ns,ft,nT\n1,2,3\n", "\n\"time [s]\",\"alt [ft]\",\"mag [nT]\"\n1,2,3\n"),
-            ("# x\na;b\n(\u{b5}T);m\n1,5;2\n", "\n\n\"a [\u{b5}T]\",\"b [m]\"\n1.5,2\n"),
+            ("time,alt,mag\ns,ft,nT\n1,2,3\n", "\ntime [s],alt [ft],mag [nT]\n1,2,3\n"),
+            ("# x\na;b\n(\u{b5}T);m\n1,5;2\n", "\n\na [\u{b5}T],b [m]\n1.5,2\n"),
             ("t  a\nhh:mm:ss  nT\n10:00:00  5\n", "\n\"t\",\"a [nT]\"\n10:00:00,5\n"),
         ] {
             assert_eq!(converted(text).unwrap(), expected, "{text:?}");

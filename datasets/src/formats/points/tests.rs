@@ -111,3 +111,35 @@ fn unit_wrong_units_and_constant_values_of_points_give_warnings() {
     assert!(of(1.0, std::f64::consts::PI / 180.0, false).contains("are the positions in radians?"));
     assert_eq!(of(1.0, 1.0, true), "all values are 40 nT");
 }
+
+#[test]
+fn gold_every_form_of_text_gives_the_same_points() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("points.csv");
+    let rows = |separator: &str| {
+        let row = |i: i32| {
+            let (lon, lat) = (10.0 + 0.004 * f64::from(i % 5), 50.0 + 0.0012 * f64::from(i));
+            let cells = [format!("L{}", i % 5), format!("{lon:.6}"), format!("{lat:.6}"), format!("{}.5", 300 - i)];
+            [cells.as_slice(), &[format!("{i}.25")]].concat().join(separator)
+        };
+        (0..20).map(row).collect::<Vec<_>>().join("\n")
+    };
+    let read = |text: String| {
+        fs::write(&path, text.chars().map(|c| c as u8).collect::<Vec<_>>()).unwrap();
+        read_points(&path, &PointOptions::default()).unwrap_or_else(|e| panic!("{text}: {e}"))
+    };
+    let plain = read(format!("line,lon,lat,alt,mag\n{}\n", rows(",")));
+    let forms = [
+        format!("line;lon;lat;alt;mag\n{}\n", rows(";").replace('.', ",")),
+        format!("line\tlon\tlat\talt\tmag\n{}\n", rows("\t").replace('.', ",")),
+        format!("line,lon,lat,alt,mag\n,deg,deg,m,nT\n{}\n", rows(",")),
+        format!("# survey\nline;lon [\u{b0}];lat [\u{b0}];alt;mag\n{}\n", rows(";")),
+        format!("line  lon  lat  alt  mag\n{}\n", rows("  ")),
+    ];
+    for text in forms {
+        let found = read(text.clone());
+        assert_eq!((&found.easting_m, &found.northing_m), (&plain.easting_m, &plain.northing_m), "{text}");
+        assert_eq!((&found.value_nt, &found.height_m), (&plain.value_nt, &plain.height_m), "{text}");
+        assert_eq!((&found.lines, &found.line), (&plain.lines, &plain.line), "{text}");
+    }
+}
