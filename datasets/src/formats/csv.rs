@@ -114,8 +114,8 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usi
     Ok(RawFlight { notes, found: Some(scan.spelt()), ..RawFlight::new(schema, Box::new(parts)) })
 }
 
-/// The text of a file with semicolons, tabs, a row of units or in Latin-1 as comma-separated text in UTF-8, with notes on
-/// the conversion. `None` for other text.
+/// The text of a file with semicolons, tabs, a row of units or in Latin-1, converted to comma-separated text in UTF-8,
+/// with notes on the conversion. `None` for other text.
 pub(super) fn converted(path: &Path) -> Result<Option<(String, Vec<String>)>, ReadError> {
     let style = CsvStyle::of(&FileHead::read(path)?);
     if !style.is_foreign() {

@@ -35,7 +35,7 @@ fn unit_of(
             return Some(String::new());
         }
         let what = format!(
-            "the unit of `{name}` is in neither the file nor the mapping, but is required for the conversion to {wanted}"
+            "the unit of `{name}` is in neither the file nor the mapping, but is needed for the conversion to {wanted}"
         );
         let known = convertible_to(wanted).join(", ");
         columns.push(Fault::new(what).help(format!("set `unit`: {known}")).at(at.0));
