@@ -5,9 +5,10 @@ use schemas::is_unit;
 /// Characters of the formats of dates and times, such as `hh:mm:ss.s` and `UTC`.
 const CLOCK: &str = "hmsydutc:./- 0";
 
-/// The names of a header with the units of the next row, such as `mag [nT]`. `None` if the row is not a row of units: it
-/// contains a number, its length differs from that of the header, less than half of its words are units, or a name in
-/// the header already has another unit in brackets.
+/// The names of a header with the units of the next row, such as `mag [nT]`.
+///
+/// `None` if the row is not a row of units: it contains a number, its length differs from that of the header, less than
+/// half of its words are units, or a name in the header already has another unit in brackets.
 pub(super) fn heads_with_units(names: &[String], row: &[String]) -> Option<Vec<String>> {
     let units: Vec<&str> = row.iter().map(|cell| without_brackets(cell)).collect();
     let words = units.iter().filter(|unit| !is_clock(unit));
