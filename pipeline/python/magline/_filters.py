@@ -2750,8 +2750,8 @@ def fixed_lag(
     window_s : float, optional
         Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
     overlap : float, optional
-        Fraction of a window that overlaps with the next window. Windows end every `window_s` (1
-        - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+        Fraction of a window that overlaps with the next window. A window ends every `window_s`
+        × (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
     lag_s : float, optional
         Delay of the estimate, which uses measurements up to this time after the sample. 0 gives
         real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.

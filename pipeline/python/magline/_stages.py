@@ -1462,8 +1462,8 @@ class StageMethods:
 
         Differences and lags are per sample. The column's metadata list them (`per_sample`), and
         hold the sample rate (`rate_hz`) if a `resample` stage set it. A stage that applies a model
-        at another rate converts the differences and rejects the lags. A column of the table, such
-        as one made by `derivative`, is used unchanged at any rate.
+        at another rate converts the differences to that rate, and fails if the model has lags. A
+        column of the table, such as one made by `derivative`, is used unchanged at any rate.
 
         Differences, lags and filters stay within a run of samples without gaps. A feature is NaN
         where it cannot be computed, and `fit` omits that row. Truth columns and features with
@@ -3451,8 +3451,8 @@ class StageMethods:
         window_s : float, optional
             For `fixed_lag`: Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
         overlap : float, optional
-            For `fixed_lag`: Fraction of a window that overlaps with the next window. Windows end
-            every `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+            For `fixed_lag`: Fraction of a window that overlaps with the next window. A window ends
+            every `window_s` × (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
         lag_s : float, optional
             For `fixed_lag`: Delay of the estimate, which uses measurements up to this time after
             the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
@@ -4470,9 +4470,9 @@ class StageMethods:
 
         Each metric is pooled over the lines that are not in sample. If none of these lines has a
         value, the metric is pooled over the in-sample lines, and `in_sample` is true. A line is in
-        sample if it was used to make a model, noise or map behind its scores, or to choose a
-        parameter in a search. The table `scores_pooled` also pools the in-sample lines if other
-        lines exist.
+        sample if its scores depend on a model, a noise estimate or a map that was made from this
+        line, or on a parameter that a search chose with it. The table `scores_pooled` also pools
+        the in-sample lines if other lines exist.
 
         `train` lists the lines to which the model was fitted, and adds the metric
         `overfitting_ratio`. This ratio is the pooled `std_error` of all other lines, in sample or
