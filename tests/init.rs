@@ -185,8 +185,8 @@ fn user_a_date_with_two_readings_is_a_question() {
 fn user_columns_without_readable_values_are_named_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let text = csv("tt,mag,lat,lon,what", |s| {
-        format!("{:.3},{:.3},{:.6}N,{:.6}W,x", 50_000.0 + s.t, s.scalar / 1e3, s.lat, -s.lon)
+    let text = csv("tt,mag,alt,lat,lon,what", |s| {
+        format!("{:.3},{:.5},300.0,{:.6}N,{:.6}W,x", 50_000.0 + s.t, s.scalar / 1e3, s.lat, -s.lon)
     });
     fs::write(folder.join("log.csv"), text).unwrap();
     let found = stdout(&magline(folder, &["init", "log.csv"]));
