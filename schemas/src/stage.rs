@@ -94,7 +94,7 @@ pub trait Stage: Params + Any + Send + Sync {
     }
 }
 
-/// A stage that works on one line at a time.
+/// A stage that processes one line at a time.
 pub trait LineStage: Stage {
     /// Data shared by all lines, such as the spline coefficients of a map; `()` for none.
     type Prepared: Send + Sync + 'static;
@@ -158,7 +158,7 @@ impl<S: LineStage> Clone for LinePoint<'_, S> {
 
 impl<S: LineStage> Copy for LinePoint<'_, S> {}
 
-/// A stage that works on all lines that its `where` selects.
+/// A stage that processes together all lines that its `where` selects.
 pub trait SurveyStage: Stage {
     /// Type that gathers the lines.
     type Gather: SurveyAggregator;
@@ -210,7 +210,7 @@ pub trait SurveyAggregator: Send + Sync + 'static {
     fn finish(&self, parts: Vec<Self::Part>, work: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>>;
 }
 
-/// A stage that works on maps.
+/// A stage that processes maps.
 pub trait MapStage: Stage {
     /// The columns of [`Stage::yields`]. `maps` are the whole maps, each on its native grid ([`crate::map`]), in the
     /// order of the inputs.

@@ -1,4 +1,4 @@
-//! Records of the units that workers compute, or were computing when they were lost.
+//! Records of the units whose computation has begun, including the units of lost workers.
 //!
 //! An attempt is one execution of some units by one worker, recorded in a file `attempts/<name>`. The file lists host
 //! and time, then the keys of the units, one per line. The worker removes the file when all units have answers, and on

@@ -22,11 +22,11 @@ pub type AnyLinePart = Box<dyn Any + Send>;
 /// A stage with its parameters, by grain. Dereferences to a [`StageDyn`].
 #[derive(Clone)]
 pub enum AnyStage {
-    /// A stage that works on one line at a time.
+    /// A stage that processes one line at a time.
     Line(Arc<dyn LineStageDyn>),
-    /// A stage that works on all lines of a survey.
+    /// A stage that processes all lines of a survey together.
     Survey(Arc<dyn SurveyStageDyn>),
-    /// A stage that works on maps.
+    /// A stage that processes maps.
     Map(Arc<dyn MapStageDyn>),
 }
 
