@@ -9,7 +9,7 @@ use std::{
 use crate::support::{Bench, read};
 
 /// Ends runs at many moments, resumes the last run, and expects the tables of an undisturbed run.
-fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
+pub fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
     let mut longest = started.elapsed() / 2;

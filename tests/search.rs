@@ -1,14 +1,11 @@
 //! `[search]`: search over axis values.
 
-use std::{
-    process::{Command, Stdio},
-    thread::sleep,
-    time::{Duration, Instant},
-};
-
 use serde_json::Value;
 
-use crate::support::{Bench, numbers, read, stderr, stdout, texts};
+use crate::{
+    killed::same_after,
+    support::{Bench, numbers, read, stderr, stdout, texts},
+};
 
 /// Stages of a compensation, for a search or a sweep.
 const STAGES: &str = r#"
@@ -220,38 +217,7 @@ fn user_one_thread_and_two_give_the_same_trials() {
 
 #[test]
 fn user_a_killed_search_resumes_to_the_same_bytes() {
-    let bench = searched(TPE);
-    let started = Instant::now();
-    assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
-    let mut longest = started.elapsed() / 2;
-    const KILLS: u32 = 6;
-    let mut died = 0;
-    for i in 1..=KILLS {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
-            .args(["run", "spec.toml", "--json", "--set", "store=killed"])
-            .current_dir(bench.folder.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        sleep(longest * i / KILLS + Duration::from_millis(5));
-        child.kill().unwrap();
-        let finished = child.wait().unwrap().success();
-        died += u32::from(!finished);
-        // A run that was faster than its end leaves no work for the next.
-        if finished {
-            std::fs::remove_dir_all(bench.path("killed")).unwrap();
-            longest /= 2;
-        }
-    }
-    assert!(died >= KILLS / 3, "only {died} of {KILLS} were killed at work");
-    let done = bench.run(&["--set", "store=killed"]);
-    assert_eq!(done.code, 0, "{}", done.stderr);
-    let (whole, killed) = (bench.tables("whole"), bench.tables("killed"));
-    assert_eq!(whole.keys().collect::<Vec<_>>(), killed.keys().collect::<Vec<_>>());
-    for (name, bytes) in &whole {
-        assert!(killed[name] == *bytes, "{name} differs");
-    }
+    same_after(&searched(TPE), |child| child.kill().unwrap());
 }
 
 #[test]
