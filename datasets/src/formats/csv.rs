@@ -122,7 +122,7 @@ pub(super) fn converted(path: &Path) -> Result<Option<(String, Vec<String>)>, Re
         return Ok(None);
     }
     let mut bytes = vec![];
-    CsvText::open(path)?.read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
+    CsvText::of_form(path, &style)?.read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
     Ok(Some((String::from_utf8_lossy(&bytes).into_owned(), style.notes())))
 }
 

@@ -163,12 +163,19 @@ impl CsvText {
     /// # Errors
     /// Fails for a file that cannot be read.
     pub(super) fn open(path: &Path) -> Result<CsvText, ReadError> {
-        let style = CsvStyle::of(&FileHead::read(path)?);
+        CsvText::of_form(path, &CsvStyle::of(&FileHead::read(path)?))
+    }
+
+    /// Opens a file whose text has this form.
+    ///
+    /// # Errors
+    /// Fails for a file that cannot be read.
+    pub(super) fn of_form(path: &Path, style: &CsvStyle) -> Result<CsvText, ReadError> {
         let file = TextFile::open(path)?;
         if style.is_plain() {
             return Ok(CsvText::Plain(file));
         }
-        ConvertedText::new(file, &style).map(|t| CsvText::Converted(Box::new(t))).map_err(|e| ReadError::io(path, &e))
+        ConvertedText::new(file, style).map(|t| CsvText::Converted(Box::new(t))).map_err(|e| ReadError::io(path, &e))
     }
 }
 
