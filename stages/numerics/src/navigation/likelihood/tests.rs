@@ -63,7 +63,6 @@ fn law_a_lag_is_found_and_no_lag_is_found_where_there_is_none() {
 }
 
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_a_height_bias_is_found_and_no_bias_is_found_where_there_is_none() {
     let bias = |below_m: f64| {
         move |seed: &u64| {

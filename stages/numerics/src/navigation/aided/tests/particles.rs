@@ -207,7 +207,6 @@ fn by_ekf(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
 }
 
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_particles_are_consistent_with_a_difference_and_a_map_error() {
     let map_error = Some(MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 });
     let ekf = flown("ekf", drifting(), map_error, true, by_ekf);
@@ -217,7 +216,6 @@ fn law_particles_are_consistent_with_a_difference_and_a_map_error() {
 }
 
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_particles_recover_a_lost_aircraft_with_the_difference_alone() {
     let lost = InsErrorModel::from_sources(InsErrors { init_position_sigma_m: 300.0, ..InsErrors::default() });
     // The slope of the map is linear over a smaller distance than the map.

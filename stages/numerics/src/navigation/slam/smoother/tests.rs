@@ -301,7 +301,6 @@ fn law_without_information_from_the_field_the_end_of_the_track_equals_the_kalman
 }
 
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_loiters_are_accurate_to_metres_and_consistent() {
     let (mut filter, mut smoother, mut nees) = (0.0, 0.0, 0.0);
     const FLIGHTS: u64 = 4;
@@ -324,7 +323,6 @@ fn law_loiters_are_accurate_to_metres_and_consistent() {
 
 /// A field that changes after half of the flight, so that the visits agree on no path.
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_contradicting_visits_are_evidence_against_the_track() {
     let flight = |field: u64| {
         Flight::over(loiter(ROUGH_DEG, 600, 1.0), InsGrade::Tactical.model(), 5, &waves(60.0, 400.0, field))

@@ -76,7 +76,6 @@ fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
 }
 
 #[test]
-#[ignore = "a minute: `.ci/full`"]
 fn law_a_lap_with_gnss_anchors_the_track() {
     let mut squares = [0.0; 2];
     for seed in 0..3 {
