@@ -1,7 +1,8 @@
 //! Discrete steps of the continuous error model: Φ = exp(F Δt) and the process noise.
 //!
-//! All functions are inlined into the filter's loop, which is compiled for each vector instruction set. Products and
-//! sums are not fused, so the results are bit-identical for all instruction sets.
+//! The longest functions are compiled once for each vector instruction set; in the loop of every filter, they would take
+//! minutes to compile. The others are inlined into the loops. Products and sums are not fused, so the results are
+//! bit-identical for all instruction sets.
 
 use params::choice;
 
@@ -74,8 +75,16 @@ const LARGEST: f64 = 0.5;
 /// entries. The order of the series gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of
 /// |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is halved
 /// until θ is at most one half.
-#[inline(always)]
+#[inline(never)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || exponential(f, dt_s),
+    )
+}
+
+#[inline(always)]
+fn exponential(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);
     let halvings = halvings(norm * dt_s.abs());
     let mut phi = series(f, norm, dt_s / f64::from(1_u32 << halvings));
@@ -212,8 +221,16 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 }
 
 /// Φ P Φᵀ of a symmetric P, exactly symmetric: one triangle is computed and mirrored.
-#[inline(always)]
+#[inline(never)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || propagated(phi, p),
+    )
+}
+
+#[inline(always)]
+fn propagated(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     let mut out = *p;
     propagate_covariances(pulp::Scalar, &TransitionEntries::from_matrix(phi), phi[S][S], &mut out);
     out
@@ -224,7 +241,7 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
 ///
 /// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. The weights of the
 /// quadrature are positive, so every result is positive semidefinite.
-#[inline(always)]
+#[inline(never)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [
         (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),

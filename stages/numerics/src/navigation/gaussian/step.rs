@@ -72,7 +72,7 @@ impl StepModel {
     }
 
     /// Transition from the sample before `row` to `row`, which is at least 1.
-    #[inline(always)]
+    #[inline(never)]
     pub fn transition(&self, ins: &InsSeries<'_>, row: usize) -> Transition {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
         let f = pinson_matrix(&ins.point(row - 1), &self.times, self.form);
