@@ -5,6 +5,7 @@
 //! bit-identical for all instruction sets.
 
 use params::choice;
+use pulp::{Scalar, Simd, WithSimd};
 
 use crate::navigation::gaussian::lanes::{TransitionEntries, propagate_covariances};
 use crate::navigation::pinson::{
@@ -77,10 +78,22 @@ const LARGEST: f64 = 0.5;
 /// until θ is at most one half.
 #[inline(never)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || exponential(f, dt_s),
-    )
+    pulp::Arch::new().dispatch(Exponential { f, dt_s })
+}
+
+/// exp(F Δt), compiled for the vector unit of the machine.
+struct Exponential<'a> {
+    f: &'a StateMatrix,
+    dt_s: f64,
+}
+
+impl WithSimd for Exponential<'_> {
+    type Output = StateMatrix;
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _: V) -> StateMatrix {
+        exponential(self.f, self.dt_s)
+    }
 }
 
 #[inline(always)]
@@ -223,17 +236,24 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 /// Φ P Φᵀ of a symmetric P, exactly symmetric: one triangle is computed and mirrored.
 #[inline(never)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || propagated(phi, p),
-    )
+    pulp::Arch::new().dispatch(Propagation { phi, p })
 }
 
-#[inline(always)]
-fn propagated(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
-    let mut out = *p;
-    propagate_covariances(pulp::Scalar, &TransitionEntries::from_matrix(phi), phi[S][S], &mut out);
-    out
+/// Φ P Φᵀ, compiled for the vector unit of the machine.
+struct Propagation<'a> {
+    phi: &'a StateMatrix,
+    p: &'a StateMatrix,
+}
+
+impl WithSimd for Propagation<'_> {
+    type Output = StateMatrix;
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _: V) -> StateMatrix {
+        let mut out = *self.p;
+        propagate_covariances(Scalar, &TransitionEntries::from_matrix(self.phi), self.phi[S][S], &mut out);
+        out
+    }
 }
 
 /// Covariance that white noise of spectral density `q` (per state, per second) adds over a step: the integral of exp(F
@@ -243,6 +263,27 @@ fn propagated(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
 /// quadrature are positive, so every result is positive semidefinite.
 #[inline(never)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
+    pulp::Arch::new().dispatch(NoiseIntegral { f, q, dt_s })
+}
+
+/// The integral of exp(F s) Q exp(F s)ᵀ over a step, compiled for the vector unit of the machine.
+struct NoiseIntegral<'a> {
+    f: &'a StateMatrix,
+    q: &'a StateVector,
+    dt_s: f64,
+}
+
+impl WithSimd for NoiseIntegral<'_> {
+    type Output = StateMatrix;
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _: V) -> StateMatrix {
+        noise_integral(self.f, self.q, self.dt_s)
+    }
+}
+
+#[inline(always)]
+fn noise_integral(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [
         (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
         (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
