@@ -1,8 +1,8 @@
 //! Discrete steps of the continuous error model: Φ = exp(F Δt) and the process noise.
 //!
-//! The longest functions are compiled once for each vector instruction set; in the loop of every filter, they would take
-//! minutes to compile. The others are inlined into the loops. Products and sums are not fused, so the results are
-//! bit-identical for all instruction sets.
+//! The longest functions are compiled once for each vector instruction set; in the loop of every filter, they would
+//! take minutes to compile. The others are inlined into the loops. Products and sums are not fused, so the results
+//! are bit-identical for all instruction sets.
 
 use params::choice;
 use pulp::{Scalar, Simd, WithSimd};
